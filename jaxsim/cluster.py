@@ -22,8 +22,8 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 _log = logging.getLogger(__name__)
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 Item_in = TypeVar("Item_in", contravariant=True)
 Result_out = TypeVar("Result_out", covariant=True)
 
@@ -42,11 +42,11 @@ class Job(Protocol[Item_in, Result_out]):
         ...
 
 
-class Done(NamedTuple, Generic[Item, Result]):
+class Done(NamedTuple, Generic[_Item, _Result]):
     """An item, what came of it, and which worker did it."""
 
-    item: Item
-    result: Result
+    item: _Item
+    result: _Result
     worker: str
 
 
@@ -54,7 +54,9 @@ class Unlike(ValueError):
     """A worker would not make what this command makes."""
 
 
-def spread(address: str, job: Job[Item, Result], items: Sequence[Item], *, by: str) -> Iterator[Done[Item, Result]]:
+def spread(
+    address: str, job: Job[_Item, _Result], items: Sequence[_Item], *, by: str
+) -> Iterator[Done[_Item, _Result]]:
     """Does the job for all items on the cluster of the scheduler at `address` (`tcp://HOST:8786`), and gives each as
     it is done.
 

@@ -13,18 +13,18 @@ import numpy as np
 
 from jaxsim.progress import Progress
 
-State = TypeVar("State")
-Batch = TypeVar("Batch")
+_State = TypeVar("_State")
+_Batch = TypeVar("_Batch")
 
 
 def descend(
-    step: Callable[[State, Batch, int], tuple[State, Any]],
-    state: State,
-    batches: Iterable[Batch],
+    step: Callable[[_State, _Batch, int], tuple[_State, Any]],
+    state: _State,
+    batches: Iterable[_Batch],
     *,
     steps: int,
     by: str,
-) -> State:
+) -> _State:
     """The state after a step on each batch; `step` takes (state, batch k, k) and gives the next state and its loss.
 
     There are `steps` batches; `by` begins messages and names the bar. Raises ValueError where a loss is not finite.

@@ -29,11 +29,11 @@ from jaxsim.pix2pix.convolution import for_any_device
 from jaxsim.prepare import CHANNELS, input_channels
 from jaxsim.simulate import LearnedSensor
 
-Form = Literal["stablehlo", "onnx"]
+_Form = Literal["stablehlo", "onnx"]
 PLATFORMS = ("cpu", "cuda", "tpu")
-Network = Callable[[Array], Array]
+_Network = Callable[[Array], Array]
 OPSET = 18
-Value = np.ndarray | str
+_Value = np.ndarray | str
 """A constant, or the name of what a node gives."""
 INLINED = (
     "jit",
@@ -68,7 +68,7 @@ class Exported:
     the file."""
 
 
-def export_network(sensor: LearnedSensor, path: Path, *, to: Form, batch: int | None = None) -> Exported:
+def export_network(sensor: LearnedSensor, path: Path, *, to: _Form, batch: int | None = None) -> Exported:
     """Writes the run's network, and beside it what its channels are.
 
     StableHLO takes any batch unless one is given, and lowers for CPU, CUDA and TPU; ONNX takes the batch given, by
@@ -79,10 +79,10 @@ def export_network(sensor: LearnedSensor, path: Path, *, to: Form, batch: int | 
     experiment = sensor.run.experiment
     channels = input_channels(experiment.prepare)
     size = (*experiment.prepare.network_size, channels)
-    told = describe(sensor)
+    told = describe_network(sensor)
     # Another function than the sensor's own, which may have been traced for this machine's device already.
     generate = make_generate(experiment, channels)
-    network: Network = lambda inputs: generate(sensor.params, inputs)  # noqa: E731
+    network: _Network = lambda inputs: generate(sensor.params, inputs)  # noqa: E731
     inputs = np.random.default_rng(0).uniform(-1, 1, (batch or 1, *size)).astype(np.float32)
     if to == "onnx":
         with for_any_device():
@@ -100,7 +100,7 @@ def export_network(sensor: LearnedSensor, path: Path, *, to: Form, batch: int | 
     return Exported(path, len(content), None if exported is None else float(np.abs(exported - ours).max()))
 
 
-def describe(sensor: LearnedSensor) -> dict[str, Any]:
+def describe_network(sensor: LearnedSensor) -> dict[str, Any]:
     """Each channel's name, the size, and what the outputs mean."""
     prepare = sensor.run.experiment.prepare
     names = []
@@ -124,7 +124,7 @@ def describe(sensor: LearnedSensor) -> dict[str, Any]:
     }
 
 
-def _stablehlo(network: Network, batch: int | None, size: tuple[int, ...]) -> bytes:
+def _stablehlo(network: _Network, batch: int | None, size: tuple[int, ...]) -> bytes:
     need("flatbuffers", "portable", by="convert")  # jax.export writes with it, and says less where it is missing
     shape = jax.export.symbolic_shape("b, " + ", ".join(map(str, size))) if batch is None else (batch, *size)
     with for_any_device():
@@ -149,14 +149,14 @@ class Graph:
     nodes: list[Any] = field(default_factory=list)
     constants: list[Any] = field(default_factory=list)
 
-    def add(self, op: str, *inputs: Value, **attributes: Any) -> str:
+    def add(self, op: str, *inputs: _Value, **attributes: Any) -> str:
         """A node, and the name of its output."""
         name = f"{op.lower()}_{len(self.nodes)}"
         given = [self.name(value) for value in inputs]
         self.nodes.append(self.onnx.helper.make_node(op, given, [name], **attributes))
         return name
 
-    def name(self, value: Value) -> str:
+    def name(self, value: _Value) -> str:
         """Of a constant, which is put into the file, or of what is there."""
         if isinstance(value, str):
             return value
@@ -194,10 +194,10 @@ def onnx_model(
     return model
 
 
-def _walk(graph: Graph, closed: core.ClosedJaxpr, inputs: Sequence[Value]) -> list[Value]:
+def _walk(graph: Graph, closed: core.ClosedJaxpr, inputs: Sequence[_Value]) -> list[_Value]:
     jaxpr = closed.jaxpr
     constants = zip(jaxpr.constvars, map(np.asarray, closed.consts), strict=True)
-    known: dict[Any, Value] = {**dict(constants), **dict(zip(jaxpr.invars, inputs, strict=True))}
+    known: dict[Any, _Value] = {**dict(constants), **dict(zip(jaxpr.invars, inputs, strict=True))}
     read = lambda at: np.asarray(at.val) if isinstance(at, core.Literal) else known[at]  # noqa: E731
     for equation in jaxpr.eqns:
         given = [read(at) for at in equation.invars]
@@ -206,7 +206,7 @@ def _walk(graph: Graph, closed: core.ClosedJaxpr, inputs: Sequence[Value]) -> li
     return [read(at) for at in jaxpr.outvars]
 
 
-def _equation(graph: Graph, equation: Any, given: list[Value]) -> list[Value]:
+def _equation(graph: Graph, equation: Any, given: list[_Value]) -> list[_Value]:
     name, parameters = equation.primitive.name, equation.params
     if name in INLINED:
         inner = next(parameters[k] for k in ("jaxpr", "call_jaxpr", "fun_jaxpr") if k in parameters)

@@ -8,13 +8,13 @@ from concurrent.futures import Executor, Future
 from itertools import islice
 from typing import TypeVar
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 def prefetch(
-    pool: Executor, make: Callable[[Item], Result], items: Iterable[Item], *, ahead: int = 1
-) -> Iterator[Result]:
+    pool: Executor, make: Callable[[_Item], _Result], items: Iterable[_Item], *, ahead: int = 1
+) -> Iterator[_Result]:
     """What `make` makes of each item, in their order; up to `ahead` more are being made in the pool or wait.
 
     The first are asked of the pool at once, before any is taken. What spoils one is raised when its turn comes; what
@@ -25,7 +25,7 @@ def prefetch(
     return _taken(waiting, (pool.submit(make, item) for item in left))
 
 
-def _taken(waiting: deque[Future[Result]], more: Iterator[Future[Result]]) -> Iterator[Result]:
+def _taken(waiting: deque[Future[_Result]], more: Iterator[Future[_Result]]) -> Iterator[_Result]:
     try:
         while waiting:
             yield waiting.popleft().result()

@@ -20,7 +20,7 @@ from jaxsim.files import array_names, check_size, parse_json, placed, read_array
 
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
-Network = TypeVar("Network")
+_Network = TypeVar("_Network")
 ABOUT = "about"
 AGAIN = "convert or copy it again"
 MOST_BYTES = 2**30
@@ -102,7 +102,7 @@ def _read_npz(path: Path, *, summed: bool = False) -> Arrays:
     return read_arrays(path, by="weights", again=AGAIN, summed=summed, most=MOST_BYTES)
 
 
-def fit(arrays: Arrays, shapes: Shapes) -> Arrays:
+def checked_arrays(arrays: Arrays, shapes: Shapes) -> Arrays:
     """The arrays of these names, float32; a prefix that all names share (`module.`) falls away.
 
     Raises ValueError that says which names are missing or have another shape, or hold what is no weight: text, truth
@@ -174,13 +174,13 @@ def write_trained(path: Path, kind: str, arrays: Arrays) -> None:
     write_arrays(path, {**arrays, ABOUT: np.array(about)})
 
 
-def read_once(read: Callable[[Path], Network]) -> Callable[[Path], Network]:
+def read_once(read: Callable[[Path], _Network]) -> Callable[[Path], _Network]:
     """`read`, which is asked again only where the file has changed: one of the same name may hold other weights."""
     kept = lru_cache(maxsize=4)(lambda path, _: read(path))
     return lambda path: kept(path, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
-def kind_of(path: Path) -> str | None:
+def weights_kind(path: Path) -> str | None:
     """The kind of a converted file; None for other files."""
     try:
         return parse_json(str(read_arrays(path, (ABOUT,), by="weights")[ABOUT])).get("kind")

@@ -21,7 +21,7 @@ from jaxsim.config import DataConfig
 from jaxsim.data import DATASETS, Dataset, open_dataset
 from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.page import describe, table
+from jaxsim.effects.page import describe, effects_table
 from tests.effects.streets import road_and_walls
 
 ROOT = Path(__file__).parents[1]
@@ -56,7 +56,7 @@ def test_an_effect_is_added_by_a_file_and_a_row(monkeypatch):
     after = model.apply(rays, scan)
     more = np.asarray(after.log_intensity - rays.log_intensity)[0, :, 0]
     np.testing.assert_allclose(more, 0.1 + 2 * np.log(np.cos(scan.grid.elevation_rad)), atol=1e-5)
-    assert "vignetting" in table()
+    assert "vignetting" in effects_table()
     assert "cosine-fourth" in describe(EFFECTS["vignetting"])
 
 

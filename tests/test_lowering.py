@@ -30,7 +30,7 @@ from jaxsim.prepare import input_channels
 from jaxsim.prepare.denoise.lidia import Variant, apply, from_published, published_shapes
 from jaxsim.prepare.depth.penet.training import create_state as create_penet
 from jaxsim.prepare.depth.penet.training import train_step as train_penet
-from jaxsim.runs.run import describe
+from jaxsim.runs.run import describe_run
 from jaxsim.simulate.sensor import LearnedSensor
 from jaxsim.train.experiments import load_experiment
 from tests.detect import tiny
@@ -60,7 +60,7 @@ def simulation() -> Program:
         generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
     )
     crop = experiment.prepare.image_crop
-    run = describe(experiment, preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera()))
+    run = describe_run(experiment, preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera()))
     sensor = LearnedSensor(run, state_shapes(experiment, input_channels(experiment.prepare)).ema)
     grid, row = sensor.window
     raster = partial(f32, 1, *crop)
@@ -127,7 +127,7 @@ def discovery() -> Program:
 def clouds() -> Program:
     """Points to a polar image and back, thinned, and as histograms."""
     experiment, _ = load_experiment("synthetic")
-    run = describe(experiment, preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera()))
+    run = describe_run(experiment, preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera()))
     grid, _ = LearnedSensor(run, {}).window
 
     def there_and_back(cloud: Cloud) -> tuple[Any, ...]:

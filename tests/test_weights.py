@@ -10,18 +10,20 @@ import pytest
 from jaxsim.prepare.depth.penet import CONVERTERS as PENET
 from jaxsim.weights import (
     Converter,
+    checked_arrays,
     convert,
     fingerprint,
-    fit,
-    kind_of,
     load_weights,
     read_once,
     read_state_dict,
+    weights_kind,
     write_trained,
 )
 
 SHAPES = {"stem.weight": (4, 3, 3, 3), "stem.bias": (4,)}
-TINY = Converter("the tiny network of nobody", "https://example.org/tiny.pth", lambda arrays: fit(arrays, SHAPES))
+TINY = Converter(
+    "the tiny network of nobody", "https://example.org/tiny.pth", lambda arrays: checked_arrays(arrays, SHAPES)
+)
 
 
 def state(**more: np.ndarray) -> dict[str, np.ndarray]:
@@ -38,8 +40,8 @@ def test_what_was_converted_comes_back_under_its_published_names(tmp_path):
     for name, array in kept.arrays.items():
         np.testing.assert_array_equal(array, arrays[name])
     assert kept.sha256 == written.sha256 == fingerprint(arrays)
-    assert kind_of(tmp_path / "out.npz") == "tiny"
-    assert kind_of(tmp_path / "state.npz") is None
+    assert weights_kind(tmp_path / "out.npz") == "tiny"
+    assert weights_kind(tmp_path / "state.npz") is None
     assert not kept.published
 
 
@@ -55,7 +57,7 @@ def test_only_the_very_file_of_the_publisher_counts_as_published(tmp_path):
 
 def test_a_shared_prefix_falls_away():
     wrapped = {f"module.{name}": array for name, array in state().items()}
-    assert sorted(fit(wrapped, SHAPES)) == sorted(SHAPES)
+    assert sorted(checked_arrays(wrapped, SHAPES)) == sorted(SHAPES)
 
 
 def test_weights_of_another_network_are_refused_by_name_and_shape(tmp_path):
@@ -86,9 +88,9 @@ def test_damaged_files_say_so(tmp_path):
     path.write_bytes(b"PK nonsense")
     with pytest.raises(ValueError, match=r"no readable \.npz"):
         read_state_dict(path)
-    assert kind_of(path) is None
+    assert weights_kind(path) is None
     np.savez(path, about=np.array("{not json"))
-    assert kind_of(path) is None
+    assert weights_kind(path) is None
 
 
 def test_state_dicts_published_as_a_folder_are_read_together(tmp_path):
@@ -146,5 +148,5 @@ def test_a_file_is_read_once_until_another_takes_its_name(tmp_path):
 
 def test_a_network_that_was_trained_here_says_so(tmp_path):
     write_trained(tmp_path / "own.npz", "tiny", {name: np.zeros(shape, np.float32) for name, shape in SHAPES.items()})
-    assert kind_of(tmp_path / "own.npz") == "tiny"
+    assert weights_kind(tmp_path / "own.npz") == "tiny"
     assert not load_weights(tmp_path / "own.npz", "tiny", TINY).published

@@ -13,13 +13,13 @@ from jaxsim.geometry import preset
 from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.run import Checkpoints, describe, start_run
+from jaxsim.runs.run import Checkpoints, describe_run, start_run
 
 
 def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0, view: CameraFrame | None = None) -> Path:
     """Makes the folder; without another `view`, its camera is KITTI's."""
     view = view or CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera())
-    start_run(folder, describe(experiment, preset("hdl64e"), view))
+    start_run(folder, describe_run(experiment, preset("hdl64e"), view))
     shapes = state_shapes(experiment, input_channels(experiment.prepare)).ema
     rng = np.random.default_rng(seed)
     weights = jax.tree.map(lambda leaf: rng.normal(0, 0.1, leaf.shape).astype(leaf.dtype), shapes)

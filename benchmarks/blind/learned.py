@@ -36,7 +36,7 @@ from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import add_effects
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.gap import distance
-from jaxsim.discover.law.learn import form_of
+from jaxsim.discover.law.learn import curve_form
 from jaxsim.discover.model.fit import Chain, Problem
 from jaxsim.discover.model.null import first_residuals
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
@@ -87,7 +87,7 @@ def run(job: Job, folder: Path) -> Row:
     found = find_dependences(division)
     null = found.null
     answer = decide(null, Choice((), (), null), found.single, scene=found.scene)
-    form = form_of(null, *answer.curve, crossed=found.crossed) if answer.curve else None
+    form = curve_form(null, *answer.curve, crossed=found.crossed) if answer.curve else None
     added = add_effects(null, (), known=NOTHING_YET, form=form)
     noise = refitted(in_place(null, added.chain)).noise
     repeats = examine(division, comparison.scenes, null, chain=added.chain, noise=noise, known=NOTHING_YET)

@@ -33,7 +33,7 @@ from jaxsim.discover import Comparison, read_comparison
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.read import NOTHING_YET, Division
 from jaxsim.discover.repeats.examine import Dense
-from jaxsim.discover.repeats.find import LEAST, Look, find_repeats
+from jaxsim.discover.repeats.find import LEAST, ChannelScales, find_repeats
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import signs_of
 
@@ -122,7 +122,7 @@ def examined(comparison: Comparison, truth: Pattern) -> Row:
     maps = dense.maps([], null.noise)
     signs = signs_of(int(dense.finding.sum()))
     centred = {channel: replace(one, total=one.centred(one.total)) for channel, one in maps.items()}
-    looks = {c: Look.at(one, dense.finding, signs, bins=RULES.repeats_bins) for c, one in centred.items()}
+    looks = {c: ChannelScales.at(one, dense.finding, signs, bins=RULES.repeats_bins) for c, one in centred.items()}
     agreements = [one for look in looks.values() for one in look.agreement]
     by_chance = np.max([one.by_chance for one in agreements], axis=0)
     p = min(float(np.mean(by_chance >= one.strength.max() - 1e-9)) for one in agreements)

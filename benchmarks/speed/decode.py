@@ -22,11 +22,11 @@ from pypcd4 import PointCloud
 from rosbags.typesys import Stores, get_typestore
 from timing import interleave
 
-from jaxsim.cloud.recordings import Stamped, write_mcap
 from jaxsim.data.logs import LogOptions, source_for
 from jaxsim.data.logs.files import read_pcd
-from jaxsim.data.logs.gridding import sensor_of, to_sweep
+from jaxsim.data.logs.gridding import infer_sensor, to_sweep
 from jaxsim.data.sweeps import read_pcap
+from jaxsim.recordings import Stamped, write_mcap
 
 DATA = Path(os.environ.get("JAXSIM_SAMPLE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 KIND = "sensor_msgs/msg/PointCloud2"
@@ -93,7 +93,7 @@ def of_pcd(path: Path) -> None:
     interleave("PCD, binary_compressed, to arrays", {"jaxsim": ours, "pypcd4": theirs})
     scan = read_pcd(path, LogOptions())
     options = LogOptions()
-    sensor = sensor_of([scan], options, by="pcd")
+    sensor = infer_sensor([scan], options, by="pcd")
 
     def plain() -> np.ndarray:
         """Rows are those of the file; columns by azimuth, the nearest wins: 64 x 1856 cells."""

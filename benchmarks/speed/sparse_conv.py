@@ -22,8 +22,8 @@ from timing import interleave
 from jaxsim.config import VoxelConfig
 from jaxsim.detect.sparse import (
     CUBE,
+    ConvWindow,
     Sites,
-    Window,
     cells,
     sparse_conv,
     strided_sites,
@@ -33,7 +33,7 @@ from jaxsim.detect.sparse import (
 from jaxsim.detect.voxelize import voxelize
 
 CONFIG, CAP = VoxelConfig(), 16000
-HALVING = Window(CUBE, stride=(2, 2, 2), padding=(1, 1, 1))
+HALVING = ConvWindow(CUBE, stride=(2, 2, 2), padding=(1, 1, 1))
 STAGE = (16, 32)
 """Channels before and after the strided convolution."""
 

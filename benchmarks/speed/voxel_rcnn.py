@@ -21,7 +21,7 @@ from jaxsim import detect
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import DataConfig, DetectorExperiment
 from jaxsim.data import open_dataset
-from jaxsim.detect.scenes import scene_of
+from jaxsim.detect.scenes import scene_of_frame
 from jaxsim.evaluate.detector import make_find
 from jaxsim.train.experiments import load_experiment
 
@@ -50,7 +50,9 @@ def main(args: Args) -> None:
     assert isinstance(experiment, DetectorExperiment)
     experiment = replace(experiment, optim=replace(experiment.optim, batch=args.batch))
     world = open_dataset(DataConfig())
-    scenes = [scene_of(world[8 * k], experiment.detector.anchors.kind, in_image=True) for k in range(2 * args.batch)]
+    scenes = [
+        scene_of_frame(world[8 * k], experiment.detector.anchors.kind, in_image=True) for k in range(2 * args.batch)
+    ]
     loader = detect.SceneBatches(scenes, experiment.voxels, experiment.augment, size=args.batch, seed=0)
     points = [len(scene.points) for scene in scenes]
     print(f"{jax.devices()[0].device_kind}, {args.config}, batch {args.batch}, {np.mean(points):.0f} points a scene")

@@ -40,7 +40,7 @@ from jaxsim.files import replacing
 from jaxsim.frame import Frame, Pair
 from jaxsim.metrics import paired_scores, paired_sums
 from jaxsim.metrics.paired import DROP_BELOW
-from jaxsim.pairs.prepared import cache_folder, prepared
+from jaxsim.pairs.prepared import pairs_folder, prepared
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia, save_lidia
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
@@ -93,7 +93,7 @@ def make_pairs(numbers: Sequence[int], data: DataConfig, prepare: PrepareConfig)
     """Keeps the pairs with this denoiser's target, made of the raw ones: nothing else of a pair depends on it. Seconds
     of processor time for each that was made."""
     raw = prepared(open_dataset(data), numbers, data, prepare=replace(prepare, denoise="none", denoise_weights=None))
-    folder = cache_folder(data, prepare)
+    folder = pairs_folder(data, prepare)
     missing = [k for k, i in enumerate(numbers) if not (folder / f"{i:06d}.npz").is_file()]
     begun = time.process_time()
     for k in tqdm(missing, desc=f"denoising: {prepare.denoise}", unit="frame", disable=not missing):

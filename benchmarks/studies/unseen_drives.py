@@ -35,7 +35,7 @@ from jaxsim.config import QUANTILES, DataConfig, Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.polar_frames import frame_names, read_grid, write_grid
 from jaxsim.evaluate.baselines import fit_baselines, fit_trees
-from jaxsim.evaluate.intensity import TREES, Sums, baseline_frames, network_sums
+from jaxsim.evaluate.intensity import TREES, PairedSums, baseline_frames, network_sums
 from jaxsim.files import replacing
 from jaxsim.metrics.intervals import ratio_interval
 from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores
@@ -55,7 +55,7 @@ FACTORS = np.arange(0.5, 2.51, 0.05)
 """By which quantiles may lie farther from the median than they do (`--generator.widen` times them)."""
 
 
-def baselines_of(fold: int, data: DataConfig, experiment: Experiment, out: Path) -> dict[str, Sums]:
+def baselines_of(fold: int, data: DataConfig, experiment: Experiment, out: Path) -> dict[str, PairedSums]:
     """Sums of each baseline on each frame of the fold; a kind of baseline is fitted once, and kept in OUT/sums."""
     dataset = open_dataset(data)
     judged = prepared(dataset, select(FOLDS[fold], dataset), data, prepare=experiment.prepare)
@@ -63,7 +63,7 @@ def baselines_of(fold: int, data: DataConfig, experiment: Experiment, out: Path)
     kinds = {"tables": lambda: fit_baselines(list(train), list(judged))}
     for name, context in TREES.items():
         kinds[name] = lambda name=name, context=context: {name: fit_trees(list(train), context=context)}
-    found: dict[str, Sums] = {}
+    found: dict[str, PairedSums] = {}
     for kind, fit in kinds.items():
         path = out / "sums" / f"{kind.replace(', ', '_').replace(' ', '_')}_{fold}.json"
         if not path.is_file():
@@ -194,7 +194,7 @@ def short(scene: str) -> str:
     return scene.split("_drive_")[-1].removesuffix("_sync")
 
 
-def by_drive(sums: Sums, scenes: Sequence[str]) -> dict[str, float]:
+def by_drive(sums: PairedSums, scenes: Sequence[str]) -> dict[str, float]:
     """Mean absolute error of each drive."""
     found = {}
     for scene in dict.fromkeys(scenes):
@@ -275,7 +275,7 @@ def main(
     assert isinstance(experiment, Experiment)
     data = replace(experiment.data, root=root, cache=out / "cache")
     scenes: list[str] = []
-    sums: dict[str, Sums] = {}
+    sums: dict[str, PairedSums] = {}
     coverage = Coverage()
     for fold in tqdm(folds, desc="folds", unit="fold"):
         rows = baselines_of(fold, data, experiment, out)

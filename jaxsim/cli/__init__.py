@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version
 
-from jaxsim.cli.commands import call, choose, overview
+from jaxsim.cli.commands import call, find_command, overview
 from jaxsim.cli.console import tell_on_console, without_quiet
 from jaxsim.cli.endings import stop_on_error
 from jaxsim.cli.table import COMMANDS, MODES
@@ -34,4 +34,4 @@ def main(argv: list[str] | None = None) -> None:
             if mode in MODES:
                 call(MODES[mode], words[2:], name=f"jaxsim {mode}")
             else:
-                call(choose(words[0], COMMANDS), words[1:], name=f"jaxsim {words[0]}")
+                call(find_command(words[0], COMMANDS), words[1:], name=f"jaxsim {words[0]}")

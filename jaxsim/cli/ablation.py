@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jaxsim.cli.commands import parse
-from jaxsim.cli.source import SAME, Source
+from jaxsim.cli.source import SAME, DataSource
 from jaxsim.cli.table import MODES
 from jaxsim.cli.train import parse_experiment
 from jaxsim.config import Experiment
@@ -46,7 +46,7 @@ class Ablation(Checked):
     """Features of Inception: 2048, or 768, 192, 64 for small sets (another score, under another name)."""
     pictures: Whole = 4
     """Frames to draw, evenly spread over those that are judged."""
-    also: Source = SAME
+    also: DataSource = SAME
     """Draw frames of another data set too, which no LiDAR measured: `--also.kind vkitti2`."""
     also_frames: str = "0-1"
     """Frames of it to draw."""

@@ -44,7 +44,7 @@ jaxsim COMMAND --help begins with an example; jaxsim --version tells the version
 what tells how far it is."""
 
 
-def choose(name: str, commands: Mapping[str, Command]) -> Command:
+def find_command(name: str, commands: Mapping[str, Command]) -> Command:
     """The command of a name. Raises ValueError with the nearest name and all known ones where there is none."""
     if name in commands:
         return commands[name]

@@ -53,7 +53,7 @@ def script(shell: str) -> str:
     """The text of the script."""
     first = {name: flags_of(command.load()) for name, command in COMMANDS.items()}
     second = {name: flags_of(command.load()) for name, command in MODES.items()}
-    for name, words in names().items():
+    for name, words in words_after().items():
         first[name] = [*words, *first[name]]
     for mode in MODES:
         command, word = mode.split()
@@ -81,7 +81,7 @@ def flags_of(entry: object) -> list[str]:
     return [flag for flag in dict.fromkeys(flags) if flag not in ALWAYS]
 
 
-def names() -> dict[str, list[str]]:
+def words_after() -> dict[str, list[str]]:
     """Words that may follow a command, besides files."""
     from jaxsim.effects import EFFECTS
     from jaxsim.train.experiments import experiment_names

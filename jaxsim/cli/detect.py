@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from jaxsim.config.ranges import Checked, Count, Whole
-from jaxsim.evaluate.cloud_folder import CloudFolder, cloud_files, detect_folder
+from jaxsim.evaluate.cloud_folder import CloudFolder, clouds_in, detect_folder
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.report.detected import PAGE, write_detected
 
@@ -58,7 +58,7 @@ class Detect(Checked):
         learned = load_detector(self.detector, step=self.step).capped(self.max_voxels)
         experiment = learned.experiment
         kind = experiment.detector.anchors.kind
-        files = cloud_files(self.clouds)
+        files = clouds_in(self.clouds)
         self.folder.claim(self.out, learned, detector=str(self.detector), step=self.step or "latest")
         found = detect_folder(self.folder, learned, self.out)
         drawn = files[: self.pictures]

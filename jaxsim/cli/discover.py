@@ -22,7 +22,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report import verdict_sentence, write_answer
 
-log = logging.getLogger(__name__).info
+_log = logging.getLogger(__name__).info
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,8 @@ class Discover(Sides):
         check_unpaired(vars(self))
         known_effects(self.effects_from)
         simulated, measured = self.folders()
-        log(f"reading {simulated} and {measured}")
-        both: dict[str, Any] = {"simulated": simulated, "measured": measured, "log": log}
+        _log(f"reading {simulated} and {measured}")
+        both: dict[str, Any] = {"simulated": simulated, "measured": measured, "log": _log}
         if self.unpaired:
             result = discover_unpaired(**both)
         else:

@@ -11,7 +11,7 @@ from tyro.conf import UseAppendAction
 
 from jaxsim.effects import get_effect
 from jaxsim.effects.own import known_effects
-from jaxsim.effects.page import describe, table
+from jaxsim.effects.page import describe, effects_table
 
 
 @dataclass(frozen=True)
@@ -30,4 +30,4 @@ class Effects:
 
     def __call__(self) -> None:
         known_effects(self.effects_from)
-        print(describe(get_effect(self.name)) if self.name else table())
+        print(describe(get_effect(self.name)) if self.name else effects_table())

@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 
 from jaxsim.cli.eval_detection import judge_run
-from jaxsim.cli.source import SAME, Source
+from jaxsim.cli.source import SAME, DataSource
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.runs import score_sensor
@@ -36,7 +36,7 @@ class Evaluation(Checked):
 
     run: Annotated[Path, tyro.conf.Positional]
     """Folder of the run."""
-    data: Source = SAME
+    data: DataSource = SAME
     """Data set to judge on; another than the run's own is an unseen drive."""
     frames: str = ""
     """Frames to judge: `0-2`, or a part by name: `evaluation`. Empty: the validation frames, or all of another set."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxsim.cli.source import Source
+from jaxsim.cli.source import DataSource
 from jaxsim.evaluate.detector import mean_curves
 from jaxsim.evaluate.runs import mean_words, score_checkpoints
 from jaxsim.files import file_of
-from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, Rules, evaluate
+from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, MatchingRules, evaluate
 from jaxsim.metrics.detection.files import frame_list, frames_with_results, read_detections, read_truth
 from jaxsim.progress import Progress
 from jaxsim.report import detection_picture, detection_table, mean_table, save_picture, write_detection
@@ -34,7 +34,7 @@ class Detection:
     frames: Path | None = None
     """File with the number of one frame a line, as ImageSets/val.txt: all of them must be there. Without it, the
     frames that have a file of detections, as the official tool does."""
-    rules: Rules = "official"
+    rules: MatchingRules = "official"
     """The official tool's, or OpenPCDet's (heights of exactly 25 or 40 px, the case of DontCare, float occlusions)."""
     classes: tuple[str, ...] = tuple(CLASSES)
     """Classes to score."""
@@ -66,7 +66,7 @@ class Detection:
         print(f"AP R11 (before 2019): {out / 'detection.md'}\nall scores and precision-recall curves: {out}")
 
 
-def judge_run(run: Path, data: Source, *, frames: str, out: Path) -> None:
+def judge_run(run: Path, data: DataSource, *, frames: str, out: Path) -> None:
     """Scores the last kept checkpoints on a run's validation frames, or on those of another data set.
 
     Prints the last one's table and the mean over all, of fewer than five too; writes both (detection.json, .md) and

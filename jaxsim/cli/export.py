@@ -10,7 +10,7 @@ from pathlib import Path
 from tyro.conf import UseAppendAction
 
 from jaxsim.cli.elsewhere import load_below, on_cluster
-from jaxsim.cli.source import SYNTHETIC, Source
+from jaxsim.cli.source import SYNTHETIC, DataSource
 from jaxsim.cloud.kitti_tree import REACH_M
 from jaxsim.config import CloudRecipe
 from jaxsim.config.ranges import Checked, Count, Positive, Share
@@ -32,7 +32,7 @@ class Export(Checked):
 
     out: Path
     """Folder to write to."""
-    data: Source = SYNTHETIC
+    data: DataSource = SYNTHETIC
     """Data set to export."""
     frames: str = ""
     """Frames to export: `0-99`. Empty: all (of the embedded world you must say which)."""

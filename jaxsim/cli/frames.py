@@ -10,7 +10,7 @@ import tyro
 
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data.logs import LogOptions, source_for, source_table, write_log
-from jaxsim.recorded import WHOLE, write_clouds
+from jaxsim.recordings import WHOLE, export_frames
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Frames(Checked):
         if self.source is None or self.out is None:
             raise ValueError("frames: give the log and --out FOLDER; `jaxsim frames --list` tells what can be read")
         if self.to:
-            count = write_clouds(self.source, self.out, self.to, every=self.every, most=self.most)
+            count = export_frames(self.source, self.out, self.to, every=self.every, most=self.most)
             print(f"{count} clouds: {self.out}")
             return
         kind, source = source_for(self.source, self.kind)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from jaxsim.cli.source import SAME, Source
+from jaxsim.cli.source import SAME, DataSource
 from jaxsim.config.ranges import Checked
 from jaxsim.data import open_dataset
 from jaxsim.data.select import frames_to_judge
@@ -31,7 +31,7 @@ class LearnGrain(Checked):
 
     run: Annotated[Path, tyro.conf.Positional]
     """Folder of the run, whose network gives a distribution (--generator.form unet)."""
-    data: Source = SAME
+    data: DataSource = SAME
     """Data set to learn from."""
     frames: str = ""
     """Frames to learn from: `0-99`. Empty: the run's validation frames, or all of another data set."""

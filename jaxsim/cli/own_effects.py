@@ -17,7 +17,7 @@ from jaxsim.effects.page import describe
 
 
 @dataclass(frozen=True)
-class New:
+class NewEffect:
     """Writes a Python file with an effect to begin with: a commented example that works, to be made your own, or the
     formula that `jaxsim discover` found for what no effect describes.
 
@@ -41,7 +41,7 @@ class New:
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckEffect:
     """Runs a Python file, checks its effect, and prints its formula, parameters and look-alikes.
 
     Checked are its fields, and its `apply` on rays of a small street: nothing at neutral, shapes kept, no NaN, finite

@@ -9,7 +9,7 @@ from typing import Annotated
 import jax
 import tyro
 
-from jaxsim.cli.source import SAME, Source
+from jaxsim.cli.source import SAME, DataSource
 from jaxsim.config import PrepareConfig
 from jaxsim.config.ranges import Checked, Count, Whole
 
@@ -36,7 +36,7 @@ class Prepare(Checked):
 
     out: Path
     """Folder to write to; the set lies in OUT/jaxsim_pairs/DATASET/1.0.0."""
-    data: Source = SAME
+    data: DataSource = SAME
     """Data set to prepare; its kind may also be the first word."""
     train: str = ""
     """Frames for training: `0-99`, `0-99:4`, or a part by name. Empty: the data set's part `training`, or all of it."""

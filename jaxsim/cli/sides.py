@@ -9,13 +9,13 @@ from typing import Annotated
 
 import tyro
 
-from jaxsim.cli.source import SAME, Source
+from jaxsim.cli.source import SAME, DataSource
 from jaxsim.config.ranges import Checked
 from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.lambert import write_lambert
 from jaxsim.simulate.sensor import load
 
-log = logging.getLogger(__name__).info
+_log = logging.getLogger(__name__).info
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Sides(Checked):
     """Instead of --simulated, until you have a simulator: Lambert's law on the measured ranges, an albedo of 0.3
     everywhere, written to OUT/simulated. Tells what of the sensor's intensity that law lacks; ranges and losses are the
     measured ones."""
-    data: Source = SAME
+    data: DataSource = SAME
     """Data set to hold a run against."""
     frames: str = ""
     """Frames to hold a run against: `0-99`. Empty: the run's validation frames, or all of another data set."""
@@ -61,15 +61,15 @@ class Sides(Checked):
                 )
             sensor = load(self.run)
             dataset, positions = self.data.open(sensor.run.experiment.data, frames=self.frames)
-            return write_pairs(sensor, dataset, positions, out=self.out, log=log)
-        given = [field.name for field in fields(Source) if getattr(self.data, field.name) != field.default]
+            return write_pairs(sensor, dataset, positions, out=self.out, log=_log)
+        given = [field.name for field in fields(DataSource) if getattr(self.data, field.name) != field.default]
         for flag in [*(f"data.{name}" for name in given), *["frames"] * bool(self.frames)]:
             raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
         sensed = _folder("--measured", self.measured)
         if not self.lambert:
             return _folder("--simulated", self.simulated), sensed
         written = write_lambert(sensed, self.out)
-        log(f"{written}: Lambert's law on the measured ranges; of ranges and losses nothing can be asked")
+        _log(f"{written}: Lambert's law on the measured ranges; of ranges and losses nothing can be asked")
         return written, sensed
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import tyro
 
 from jaxsim.cli.elsewhere import load_below, on_cluster
-from jaxsim.cli.source import SAME, Source
+from jaxsim.cli.source import SAME, DataSource
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel
@@ -35,7 +35,7 @@ class Simulate(Checked):
     """Folder of the learned sensor's run."""
     out: Path
     """Folder to write to."""
-    data: Source = SAME
+    data: DataSource = SAME
     """Data set whose images, depth and labels to use."""
     projection: Projection = "lidar"
     """What the network sees: the camera's rasters carried to the LiDAR's grid, as in training; or with `none` only

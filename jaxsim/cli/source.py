@@ -13,7 +13,7 @@ from jaxsim.data.select import frames_to_judge
 
 
 @dataclass(frozen=True)
-class Source(Checked):
+class DataSource(Checked):
     """A data set. What is not given is as the run has it, or, in commands without a run, as in training."""
 
     kind: Literal["same", DataKind] = "same"
@@ -45,7 +45,7 @@ class Source(Checked):
         return self.kind != "same"
 
     @classmethod
-    def of(cls, config: DataConfig) -> Source:
+    def of(cls, config: DataConfig) -> DataSource:
         """The flags that name the data set of a config."""
         return cls(**{field.name: getattr(config, field.name) for field in fields(cls)})
 
@@ -75,6 +75,6 @@ class Source(Checked):
         return frames_to_judge(frames, dataset, validation=self.validation(of_run))
 
 
-SAME = Source()
-SYNTHETIC = Source("synthetic")
+SAME = DataSource()
+SYNTHETIC = DataSource("synthetic")
 """Defaults: the run's own data set, and the embedded world."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-from jaxsim.cli.source import Source
+from jaxsim.cli.source import DataSource
 
 
 def in_new_spelling(words: Sequence[str], flags: Any) -> list[str]:
@@ -30,11 +30,11 @@ def _old_spellings(flags: Any) -> dict[str, str]:
     table = {"--sensor": "--effects"} if "effects" in names else {}
     for group in _groups(flags):
         before = "" if group == "data" else f"{group}-"
-        table |= {f"--{before}{field.name}": f"--{group}.{field.name}" for field in fields(Source)}
+        table |= {f"--{before}{field.name}": f"--{group}.{field.name}" for field in fields(DataSource)}
         table[f"--{group}"] = f"--{group}.kind"
     return {old: new for old, new in table.items() if old[2:] not in names or old[2:] in _groups(flags)}
 
 
 def _groups(flags: Any) -> list[str]:
     """Names of the fields that are a Source."""
-    return [field.name for field in fields(flags) if isinstance(field.default, Source)]
+    return [field.name for field in fields(flags) if isinstance(field.default, DataSource)]

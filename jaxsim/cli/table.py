@@ -81,10 +81,12 @@ COMMANDS = {
 }
 MODES = {
     "effects new": Command(
-        "own_effects:New", "a file of an effect of one's own to begin with", "jaxsim effects new rain_on_lens"
+        "own_effects:NewEffect", "a file of an effect of one's own to begin with", "jaxsim effects new rain_on_lens"
     ),
     "effects check": Command(
-        "own_effects:Check", "what is wrong with such a file, and what it looks like", "jaxsim effects check my.py"
+        "own_effects:CheckEffect",
+        "what is wrong with such a file, what it looks like",
+        "jaxsim effects check my.py",
     ),
     "eval generation": Command(
         "eval_generation:Generation",

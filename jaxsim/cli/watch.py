@@ -35,7 +35,7 @@ class Watch(Checked):
         if not self.days:
             raise ValueError("watch: --days names no folder; give those of later days, in order")
         watched = watch_days(self.before, self.days)
-        page = table(watched)
+        page = watch_table(watched)
         print(page)
         if self.out:
             write_text(self.out, page)
@@ -43,7 +43,7 @@ class Watch(Checked):
             raise SystemExit(1)
 
 
-def table(days: Sequence[Day]) -> str:
+def watch_table(days: Sequence[Day]) -> str:
     """A row a thing that has changed, a column a day."""
     rows = dict.fromkeys((change.what, change.channel) for day in days for change in day.changes)
     if not rows:

@@ -1,7 +1,7 @@
 """Point clouds: from depth maps, thinned to laser lines, and out to files that other tools open.
 
 pseudo_lidar, sparsify         depth maps to points; dense clouds to laser lines
-export, recordings, kitti_tree  files of clouds, MCAP and OSI, trees of the KITTI benchmark
+export, kitti_tree             files of clouds, trees of the KITTI benchmark
 """
 
 from jaxsim.cloud.export import FORMATS, points_of, save_cloud

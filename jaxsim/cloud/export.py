@@ -16,13 +16,13 @@ from jaxtyping import Float, Float32
 from jaxsim.files import need, replacing
 from jaxsim.frame import Cloud
 
-Points = Float32[np.ndarray, "n 4"]
+_Points = Float32[np.ndarray, "n 4"]
 _PCD = {"f4": ("F", 4), "u2": ("U", 2)}
 _PLY = {"f4": "float", "u2": "ushort"}
 _FULL_LAS = 65535
 
 
-def points_of(cloud: Cloud) -> Points:
+def points_of(cloud: Cloud) -> _Points:
     """The valid points of one unbatched cloud as rows x, y, z (m), intensity (0..1)."""
     xyz = np.asarray(cloud.xyz_m)
     if xyz.ndim != 2:

@@ -22,10 +22,10 @@ from jaxsim.config.intensity import (
     QUANTILES,
     DiscriminatorConfig,
     Experiment,
-    Form,
     GeneratorConfig,
     LossConfig,
     OptimConfig,
+    Pix2PixForm,
 )
 from jaxsim.config.studies import CloudRecipe, LoopConfig, SegmentationConfig
 
@@ -42,7 +42,6 @@ __all__ = [
     "DetectorExperiment",
     "DiscriminatorConfig",
     "Experiment",
-    "Form",
     "GeneratorConfig",
     "InputName",
     "LoopConfig",
@@ -52,6 +51,7 @@ __all__ = [
     "OptimConfig",
     "Part",
     "PenetConfig",
+    "Pix2PixForm",
     "PrepareConfig",
     "ProposalConfig",
     "RoiConfig",

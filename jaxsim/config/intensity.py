@@ -9,7 +9,7 @@ from typing import Literal
 from jaxsim.config.data import DataConfig, PrepareConfig, RunConfig
 from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Share, Whole
 
-Form = Literal["imaginaire", "original"]
+Pix2PixForm = Literal["imaginaire", "original"]
 """Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of a cell's intensity that a `unet` gives: the median, the middle half, and nine tenths."""
@@ -19,7 +19,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 class GeneratorConfig(Checked):
     """pix2pixHD generator: global generator and local enhancers; or a U-Net, which has no enhancers."""
 
-    form: Literal[Form, "unet"] = "imaginaire"
+    form: Literal[Pix2PixForm, "unet"] = "imaginaire"
     """`imaginaire`: spectral norm, learned scales in the instance norms, reflection around every convolution, and
     repeated cells before a convolution to double the size. `original`: neither norm's parameters, zeros around
     strided convolutions, transposed convolutions. `unet`: each cell's own response in its surroundings, which gives
@@ -50,7 +50,7 @@ class GeneratorConfig(Checked):
 class DiscriminatorConfig(Checked):
     """Multi-scale patch discriminator."""
 
-    form: Form = "imaginaire"
+    form: Pix2PixForm = "imaginaire"
     """`imaginaire`: 3 x 3 kernels, spectral norm, bilinear halving between scales. `original`: 4 x 4 kernels padded
     by 2, no norm in the first layer, average pooling."""
     scales: Count = 2
@@ -64,7 +64,7 @@ class DiscriminatorConfig(Checked):
 class LossConfig(Checked):
     """Weights of the loss terms; 0 leaves a term out."""
 
-    form: Form = "imaginaire"
+    form: Pix2PixForm = "imaginaire"
     """`imaginaire`: hinge loss, mean over scales; VGG sees ImageNet's colours. `original`: least squares, summed over
     scales (half for the discriminator), features weighted 4 / (layers + 1); VGG sees the image in [-1, 1]."""
     gan: NotNegative = 1.0

@@ -43,7 +43,7 @@ def magnified(pair: Pair, factor: float, position: tuple[float, float], *, size:
     return jax.tree.map(take, pair)
 
 
-def cut(pair: Pair, columns: int, position: float) -> Pair:
+def crop_columns(pair: Pair, columns: int, position: float) -> Pair:
     """So many columns of the pair; `position` says where, from 0 (left) to 1."""
     start = min(int(position * (pair.target.shape[1] - columns + 1)), pair.target.shape[1] - columns)
     return jax.tree.map(lambda raster: raster[:, start : start + columns], pair)
@@ -103,7 +103,7 @@ def batches(
     if raster:
         dataset = dataset.random_map(draw)
     if columns:
-        dataset = dataset.random_map(lambda pair, rng: cut(pair, columns, rng.random()))
+        dataset = dataset.random_map(lambda pair, rng: crop_columns(pair, columns, rng.random()))
     if flip:
         dataset = dataset.random_map(lambda pair, rng: mirrored(pair) if rng.random() < 0.5 else pair)
     if jitter:

@@ -19,8 +19,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 from jaxsim.data.cityscapes import IDS
 from jaxsim.frame import Camera, CameraFrame
 
-Raster = Int[np.ndarray, "h w"]
-Real = int | float
+_Raster = Int[np.ndarray, "h w"]
+_Real = int | float
 
 FAR_M = 1000.0
 """Depth of the far plane: the sky."""
@@ -47,7 +47,7 @@ def read_rgb(raw: Any, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
     return np.ascontiguousarray(_bgra(raw, size)[..., 2::-1])
 
 
-def read_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+def decode_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Planar depth in metres, and where something is: False in the sky.
 
     Raises ValueError for a picture of the depth (all channels alike), which `ColorConverter.Depth` makes.
@@ -63,7 +63,7 @@ def read_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[np.ndarray, "h w"
     return (code * (FAR_M / (2**24 - 1))).astype(np.float32), code < 2**24 - 1
 
 
-def read_semantic(raw: Any, size: tuple[int, int], *, version: str) -> Raster:
+def read_semantic(raw: Any, size: tuple[int, int], *, version: str) -> _Raster:
     """Cityscapes ids of a semantic (or instance) camera's tags, whose numbers changed with `version` 0.9.14.
 
     Raises ValueError for a tag that the version does not have.
@@ -79,7 +79,7 @@ def read_semantic(raw: Any, size: tuple[int, int], *, version: str) -> Raster:
     return np.array([IDS[name] for name in tags], np.int32)[red]
 
 
-def read_instance(raw: Any, size: tuple[int, int]) -> Raster:
+def read_instance(raw: Any, size: tuple[int, int]) -> _Raster:
     """Number of each pixel's object, G + 256 * B, from an instance camera's buffer.
 
     Every mesh has a number, a house too; it is unique within a class alone, so the tag is put before it.
@@ -98,7 +98,7 @@ def tags_of(version: str) -> tuple[str, ...]:
     return TAGS_0_9_14 if parts >= (0, 9, 14) else TAGS_0_9_13
 
 
-def intrinsics(size: tuple[int, int], fov_deg: Real) -> Float[np.ndarray, "3 3"]:
+def intrinsics(size: tuple[int, int], fov_deg: _Real) -> Float[np.ndarray, "3 3"]:
     """K of a camera of `size` (h, w) and horizontal field of view.
 
     CARLA counts pixels from the image's corner, so that its optical axis is at (w / 2, h / 2); here pixel (0, 0) has
@@ -136,7 +136,7 @@ def read_view(
     semantic: Any | None = None,
     *,
     size: tuple[int, int],
-    fov_deg: Real,
+    fov_deg: _Real,
     version: str,
     cam_from_velo: Float[np.ndarray, "4 4"],
     instance: Any | None = None,
@@ -146,7 +146,7 @@ def read_view(
     An instance camera's buffer also gives the classes where `semantic` is left out. Of its objects people and vehicles
     are kept: a border between two house meshes is none in the labels that a network learned from.
     """
-    depth_m, known = read_depth(depth, size)
+    depth_m, known = decode_depth(depth, size)
     tags = instance if semantic is None else semantic
     classes = None if tags is None else read_semantic(tags, size, version=version)
     objects = None

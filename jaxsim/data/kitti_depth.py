@@ -30,7 +30,7 @@ PARTS = ("train", "val")
 SELECTED = ("image", "velodyne_raw", "groundtruth_depth", "intrinsics")
 
 
-def read_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+def read_kitti_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Depth in metres of a 16-bit PNG, and where it has any. Raises ValueError for other files."""
     if not path.is_file():
         raise ValueError(f"kitti_depth: no file {path}")
@@ -97,8 +97,8 @@ class KittiDepth(Sequence[DepthFrame]):
         """
         files = self.files[index]
         rgb = read_image(files.image)
-        sparse_m, given = read_depth(files.sparse)
-        truth_m, known = read_depth(files.truth)
+        sparse_m, given = read_kitti_depth(files.sparse)
+        truth_m, known = read_kitti_depth(files.truth)
         if not rgb.shape[:2] == sparse_m.shape == truth_m.shape:
             raise ValueError(
                 f"kitti_depth: {files.image} is {rgb.shape[:2]}, {files.sparse} {sparse_m.shape}, {files.truth} "

@@ -56,7 +56,7 @@ def angles_of(path: Path, name: str, given: Any) -> Float[np.ndarray, " n"]:
     return angles
 
 
-def origin_of(path: Path, given: Any, rows: int) -> Float[np.ndarray, " rows"]:
+def beam_origins(path: Path, given: Any, rows: int) -> Float[np.ndarray, " rows"]:
     """`origin` of a grid.json. Raises ValueError where it is not one height a row."""
     right = f"it must be a list of {rows} heights in metres, one a row, or be left out for 0"
     origin = _reals(given, f"polar frames: {path}: origin is {as_given(given)}; {right}")
@@ -147,38 +147,38 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             f"polar frames: {path}: range reaches {range_m.max():g}; it must be in metres, and no LiDAR sees beyond "
             f"{FAR_M:g} m (divide millimetres by 1000)"
         )
-    if not within(intensity, 0, 1):
+    if not all_within(intensity, 0, 1):
         raise ValueError(
-            f"polar frames: {path}: intensity spans {span(intensity)}; it must lie in 0..1 "
+            f"polar frames: {path}: intensity spans {span_in_words(intensity)}; it must lie in 0..1 "
             "(divide by your sensor's scale; 0 where nothing returned)"
         )
     for name in [name for name in WHOLE if name in arrays]:
         if not np.isfinite(arrays[name]).all() or (arrays[name] != np.round(arrays[name])).any():
             raise ValueError(
-                f"polar frames: {path}: {name} spans {span(arrays[name])}; it must hold whole numbers (ids)"
+                f"polar frames: {path}: {name} spans {span_in_words(arrays[name])}; it must hold whole numbers (ids)"
             )
-    if "semantic" in arrays and not within(arrays["semantic"], 0, CLASSES - 1):
+    if "semantic" in arrays and not all_within(arrays["semantic"], 0, CLASSES - 1):
         raise ValueError(
-            f"polar frames: {path}: semantic spans {span(arrays['semantic'])}; it must hold Cityscapes ids "
+            f"polar frames: {path}: semantic spans {span_in_words(arrays['semantic'])}; it must hold Cityscapes ids "
             f"0..{CLASSES - 1}, 0 where the class is not known"
         )
-    if "incidence" in arrays and not within(arrays["incidence"][range_m > 0], 0, np.pi / 2 + 1e-3):
+    if "incidence" in arrays and not all_within(arrays["incidence"][range_m > 0], 0, np.pi / 2 + 1e-3):
         raise ValueError(
-            f"polar frames: {path}: incidence spans {span(arrays['incidence'][range_m > 0])} where the ray hits; it "
-            "must be the angle between ray and surface normal in radians, 0 head on to pi/2"
+            f"polar frames: {path}: incidence spans {span_in_words(arrays['incidence'][range_m > 0])} where the ray "
+            "hits; it must be the angle between ray and surface normal in radians, 0 head on to pi/2"
         )
     if "rgb" in arrays:
         rgb = arrays["rgb"]
-        if not within(rgb, 0, 255) or (rgb.dtype.kind == "f" and 0 < rgb.max(initial=0) <= 1):
-            raise ValueError(f"polar frames: {path}: rgb spans {span(rgb)}; it must lie in 0..255")
+        if not all_within(rgb, 0, 255) or (rgb.dtype.kind == "f" and 0 < rgb.max(initial=0) <= 1):
+            raise ValueError(f"polar frames: {path}: rgb spans {span_in_words(rgb)}; it must lie in 0..255")
 
 
-def within(values: np.ndarray, low: int | float, high: int | float) -> bool:
+def all_within(values: np.ndarray, low: int | float, high: int | float) -> bool:
     """Whether all values are finite and in the interval."""
     return bool(np.isfinite(values).all() and values.min(initial=low) >= low and values.max(initial=high) <= high)
 
 
-def span(values: np.ndarray) -> str:
+def span_in_words(values: np.ndarray) -> str:
     """Says from what to what values go, and how many are not finite."""
     known = values[np.isfinite(values)]
     told = f"{known.min():g}..{known.max():g}" if known.size else "nothing"

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.data.polar_checks import SEE, SHAPES, angles_of, check_about, check_arrays, origin_of
+from jaxsim.data.polar_checks import SEE, SHAPES, angles_of, beam_origins, check_about, check_arrays
 from jaxsim.files import array_names, check_keys, file_of, files_in, read_arrays, read_json, replacing, write_text
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import same_grid
@@ -60,7 +60,7 @@ def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]
     check_keys(content, KEYS, where=f"polar frames: {path}")
     azimuth = angles_of(path, "azimuth", content["azimuth"])
     elevation = angles_of(path, "elevation", content["elevation"])
-    origin = origin_of(path, content.get("origin", [0.0] * len(elevation)), len(elevation))
+    origin = beam_origins(path, content.get("origin", [0.0] * len(elevation)), len(elevation))
     frames = content.get("frames", {})
     check_about(path, frames)
     return PolarGrid(azimuth, elevation, origin), frames

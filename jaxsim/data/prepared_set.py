@@ -25,8 +25,8 @@ from jaxsim.data.tfds_builder import (
     NAME,
     VERSION,
     About,
-    check_about,
     check_features,
+    check_metadata,
     features,
     flattened,
 )
@@ -54,7 +54,7 @@ class PreparedSet:
         metadata = self.folder / "metadata.json"
         with placed(f"prepared: {metadata} does not fit this version; prepare the set again"):
             self.about = parse_settings(About, read_json(metadata, by="prepared"))
-            check_about(self.about)
+            check_metadata(self.about)
         self._check_files()
         splits = self.about.splits
         self._place = {p: (split, i) for split, own in splits.items() for i, p in enumerate(own.positions)}

@@ -93,7 +93,7 @@ class Shard:
         return Path(_template(folder, self.split).sharded_filepath(shard_index=self.number, num_shards=self.of))
 
 
-def cut(splits: Mapping[str, Sequence[int]], size: int) -> list[Shard]:
+def shards_of(splits: Mapping[str, Sequence[int]], size: int) -> list[Shard]:
     """The files of a set: `size` pairs each, the last of a split what is left."""
     shards = []
     for split, positions in splits.items():
@@ -132,7 +132,7 @@ def check_features(folder: Path) -> None:
         )
 
 
-def check_about(about: About) -> None:
+def check_metadata(about: About) -> None:
     """Raises ValueError where metadata.json contradicts itself, or a name in it would leave a folder."""
     for split, own in about.splits.items():
         check_name(split, by="metadata.json")

@@ -17,10 +17,10 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from jaxsim.data.calibration import check_rigid
 from jaxsim.data.cityscapes import IDS
-from jaxsim.files import check_image, check_size, image_of, number, placed, read_pixels, read_text
+from jaxsim.files import check_image_file, check_size, image_of, parse_number, placed, read_pixels, read_text
 from jaxsim.frame import Boxes
 
-Raster = Int[np.ndarray, "h w"]
+_Raster = Int[np.ndarray, "h w"]
 
 _CATEGORIES = {
     "Terrain": ("terrain", (210, 0, 200)),
@@ -108,7 +108,7 @@ def read_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "
     return image.astype(np.float32) / 100, image < FARTHEST
 
 
-def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> Raster:
+def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> _Raster:
     """Cityscapes ids of a class segmentation, coded by `colours`. Raises ValueError for a colour of no class."""
     image = _read(path)
     if image.dtype != np.uint8 or image.ndim != 3:
@@ -128,7 +128,7 @@ def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> Raster
     return ids[nearest]
 
 
-def read_instances(path: Path) -> Raster:
+def read_instances(path: Path) -> _Raster:
     """trackID + 1 of every vehicle's pixels, 0 elsewhere: the index, not the colour, of an indexed PNG."""
     if not path.is_file():
         raise ValueError(f"vkitti2: there is no {path}; copy it from the archive vkitti_2.0.3_instanceSegmentation")
@@ -146,7 +146,7 @@ def read_indexed(path: Path) -> UInt8[np.ndarray, "h w"]:
     data = path.read_bytes()
     if not data.startswith(_PNG):
         raise ValueError(f"{path} is no PNG; copy it again")
-    check_image(data, str(path))  # below, chunks get sums anew
+    check_image_file(data, str(path))  # below, chunks get sums anew
     out = _PNG
     at = len(_PNG)
     depth = 8
@@ -286,7 +286,7 @@ def _rows(path: Path, kind: str) -> list[tuple[int, list[str]]]:
 
 
 def _numbers(path: Path, line: int, texts: list[str], *, kind: type[int] | type[float]) -> list:
-    values = [number(text, kind, where=f"vkitti2: {path}, line {line}") for text in texts]
+    values = [parse_number(text, kind, where=f"vkitti2: {path}, line {line}") for text in texts]
     if not np.isfinite(values).all():
         raise ValueError(f"vkitti2: {path}, line {line} holds NaN or infinite numbers; copy it again")
     if np.abs(values).max(initial=0) > MOST:

@@ -115,7 +115,7 @@ def nearest_bev(boxes: Float[Array, "*b 7"]) -> Float[Array, "*b 4"]:
     return jnp.concatenate([boxes[..., :2] - half, boxes[..., :2] + half], axis=-1)
 
 
-def assign(
+def anchor_targets(
     anchors: Float[Array, "a 7"], boxes: Float[Array, "b g 7"], valid: Bool[Array, "b g"], *, config: AnchorConfig
 ) -> AnchorTargets:
     """Targets of all anchors for the objects of each sample.

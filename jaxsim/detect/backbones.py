@@ -12,15 +12,15 @@ from jaxtyping import Float, Int
 
 from jaxsim.config import BackboneConfig, VoxelConfig
 from jaxsim.detect.layers import ConvBlock, Linear, SparseBlock, UpBlock
-from jaxsim.detect.sparse import CUBE, Sites, Window, strided_sites, strided_tables, submanifold_tables
+from jaxsim.detect.sparse import CUBE, ConvWindow, Sites, strided_sites, strided_tables, submanifold_tables
 from jaxsim.frame import Array
 
 DOWN = {
-    "conv2": Window(CUBE, stride=(2, 2, 2), padding=(1, 1, 1)),
-    "conv3": Window(CUBE, stride=(2, 2, 2), padding=(1, 1, 1)),
+    "conv2": ConvWindow(CUBE, stride=(2, 2, 2), padding=(1, 1, 1)),
+    "conv3": ConvWindow(CUBE, stride=(2, 2, 2), padding=(1, 1, 1)),
     # As published, without padding along z: 41 planes become 21, 11, 5 and, by `out`, 2.
-    "conv4": Window(CUBE, stride=(2, 2, 2), padding=(0, 1, 1)),
-    "out": Window((3, 1, 1), stride=(2, 1, 1), padding=(0, 0, 0)),
+    "conv4": ConvWindow(CUBE, stride=(2, 2, 2), padding=(0, 1, 1)),
+    "out": ConvWindow((3, 1, 1), stride=(2, 1, 1), padding=(0, 0, 0)),
 }
 """The strided convolutions, by stage."""
 FIRST_SCORE = 0.01
@@ -30,7 +30,7 @@ BOX = 7
 
 
 @struct.dataclass
-class Scale:
+class SparseScale:
     """A batch's sparse features at one stride."""
 
     sites: Sites
@@ -64,7 +64,7 @@ class VoxelBackBone8x(nnx.Module):
 
     def __call__(
         self, sites: Sites, features: Float[Array, "b n c"], capacities: dict[str, int], *, train: bool
-    ) -> tuple[list[Scale], Float[Array, "b h w d"], dict[str, Int[Array, " b"]]]:
+    ) -> tuple[list[SparseScale], Float[Array, "b h w d"], dict[str, Int[Array, " b"]]]:
         """Features at strides 2, 4, 8; the map from above; and how many sites of each stage did not fit.
 
         `capacities` are the places of a sample in each stage of DOWN.
@@ -85,7 +85,7 @@ class VoxelBackBone8x(nnx.Module):
             same = jax.vmap(submanifold_tables)(sites)
             x = stage.first(x, same, sites.valid, train=train)
             x = stage.second(x, same, sites.valid, train=train)
-            scales.append(Scale(sites, x, 2 ** (len(scales) + 1)))
+            scales.append(SparseScale(sites, x, 2 ** (len(scales) + 1)))
         sites, x = strided("out", self.out)
         return scales, height_compression(sites, x), dropped
 

@@ -15,8 +15,7 @@ from jaxsim.config import AugmentConfig, VoxelConfig
 from jaxsim.detect.scenes import Scene, View
 from jaxsim.geometry.polar import pad_points
 
-Array = np.ndarray
-Batch = dict[str, Array]
+SceneBatch = dict[str, np.ndarray]
 """points (b, p, 4), valid (b, p), objects (b, g, 7), is_object (b, g), dropped_points (b)."""
 TRIES = 100
 ROOM_STEP = 16
@@ -27,8 +26,8 @@ ROOM_STEP = 16
 class Cutout:
     """An object that can be pasted into other scenes."""
 
-    box: Float32[Array, " 7"]
-    points: Float32[Array, "n 4"]
+    box: Float32[np.ndarray, " 7"]
+    points: Float32[np.ndarray, "n 4"]
 
 
 class SceneBatches:
@@ -73,13 +72,13 @@ class SceneBatches:
         """Whole batches of an epoch."""
         return len(self.scenes) // self.size
 
-    def __getitem__(self, k: int) -> Batch:
+    def __getitem__(self, k: int) -> SceneBatch:
         share = self.size // self.parts
         places = range(k * self.size + self.part * share, k * self.size + (self.part + 1) * share)
         items = [self._item(place) for place in places]
         return {name: np.stack([item[name] for item in items]) for name in items[0]}
 
-    def _item(self, place: int) -> Batch:
+    def _item(self, place: int) -> SceneBatch:
         """The scene at a place of the endless sequence; one that lost all its objects gives way to another, drawn."""
         n = len(self.scenes)
         # One permutation an epoch, and a generator a place: no state runs from batch to batch.
@@ -87,7 +86,7 @@ class SceneBatches:
         rng = np.random.default_rng([self.seed, 1, place])
         i = int(order[place % n])
         for _ in range(TRIES):
-            scene = augment(self.scenes[i], self.database, self.augmentation, rng=rng)
+            scene = augment_scene(self.scenes[i], self.database, self.augmentation, rng=rng)
             objects = scene.boxes[scene.target & inside(scene.boxes, self.voxels)]
             if len(objects):
                 return pad_scene(scene.points, objects, self.voxels, room=self.room, rng=rng)
@@ -98,26 +97,26 @@ class SceneBatches:
         )
 
 
-def inside(boxes: Float[Array, "n 7"], voxels: VoxelConfig) -> Bool[Array, " n"]:
+def inside(boxes: Float[np.ndarray, "n 7"], voxels: VoxelConfig) -> Bool[np.ndarray, " n"]:
     """Which boxes have their middle inside the range."""
     low, high = np.array(voxels.range_m[:3]), np.array(voxels.range_m[3:])
     return np.asarray(((boxes[:, :3] >= low) & (boxes[:, :3] <= high)).all(axis=1))
 
 
-def in_range(points: Float[Array, "n c"], voxels: VoxelConfig) -> Bool[Array, " n"]:
+def in_range(points: Float[np.ndarray, "n c"], voxels: VoxelConfig) -> Bool[np.ndarray, " n"]:
     """Which points lie inside the range along x and y."""
     low, high = np.array(voxels.range_m[:2]), np.array(voxels.range_m[3:5])
     return np.asarray(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
 
 
 def pad_scene(
-    points: Float[Array, "n 4"],
-    objects: Float[Array, "g 7"],
+    points: Float[np.ndarray, "n 4"],
+    objects: Float[np.ndarray, "g 7"],
     voxels: VoxelConfig,
     *,
     room: int,
     rng: np.random.Generator,
-) -> Batch:
+) -> SceneBatch:
     """Points inside the range in random order, and the objects, each with a mask."""
     points = points[in_range(points, voxels)]
     # In random order, the cap takes a fair sample, and voxels are opened all over the scene.
@@ -145,7 +144,7 @@ def cutouts(scenes: Sequence[Scene], config: AugmentConfig) -> list[Cutout]:
     return cutouts_found
 
 
-def in_box(points: Float[Array, "n c"], box: Float[Array, " 7"]) -> Bool[Array, " n"]:
+def in_box(points: Float[np.ndarray, "n c"], box: Float[np.ndarray, " 7"]) -> Bool[np.ndarray, " n"]:
     """Which points lie in a box, faces included."""
     off = points[:, :3] - box[:3]
     cos, sin = np.cos(box[6]), np.sin(box[6])
@@ -155,12 +154,12 @@ def in_box(points: Float[Array, "n c"], box: Float[Array, " 7"]) -> Bool[Array, 
     return (np.abs(along) <= half[0]) & (np.abs(aside) <= half[1]) & (np.abs(off[:, 2]) <= half[2])
 
 
-def collide(a: Float[Array, "n 7"], b: Float[Array, "m 7"]) -> Bool[Array, "n m"]:
+def collide(a: Float[np.ndarray, "n 7"], b: Float[np.ndarray, "m 7"]) -> Bool[np.ndarray, "n m"]:
     """Which boxes share area from above: no side of either parts them."""
     return ~(_parted(a, b) | _parted(b, a).T)
 
 
-def _parted(a: Float[Array, "n 7"], b: Float[Array, "m 7"]) -> Bool[Array, "n m"]:
+def _parted(a: Float[np.ndarray, "n 7"], b: Float[np.ndarray, "m 7"]) -> Bool[np.ndarray, "n m"]:
     """Whether a line along a side of `a` lies between the two."""
     off = b[None, :, :2] - a[:, None, :2]
     cos, sin = np.cos(a[:, None, 6]), np.sin(a[:, None, 6])
@@ -173,7 +172,9 @@ def _parted(a: Float[Array, "n 7"], b: Float[Array, "m 7"]) -> Bool[Array, "n m"
     return ahead | (np.abs(aside) >= (sin * length + cos * width + a[:, None, 4]) / 2)
 
 
-def augment(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, rng: np.random.Generator) -> Scene:
+def augment_scene(
+    scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, rng: np.random.Generator
+) -> Scene:
     """A changed copy of a scene. Labels and view are not changed: a training scene is not scored."""
     if config.sampled and database:
         scene = paste(scene, database, config, rng=rng)
@@ -232,7 +233,9 @@ def paste(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, rn
     )
 
 
-def heights_on(ground: Float[Array, " 4"], boxes: Float[Array, "n 7"], view: View) -> Float32[Array, " n"]:
+def heights_on(
+    ground: Float[np.ndarray, " 4"], boxes: Float[np.ndarray, "n 7"], view: View
+) -> Float32[np.ndarray, " n"]:
     """Height in `velo` of the road plane at the boxes."""
     middle = boxes[:, :3].astype(np.float64) @ view.rect_from_velo[:3, :3].T + view.rect_from_velo[:3, 3]
     a, b, c, d = ground  # a x + b y + c z + d = 0 in the labels' frame, whose y points down

@@ -9,8 +9,8 @@ from flax import nnx, struct
 from jaxtyping import Bool, Float
 
 from jaxsim.config import DetectorConfig, ProposalConfig, VoxelConfig
-from jaxsim.detect.anchors import anchor_boxes, assign, decode_with_direction
-from jaxsim.detect.backbones import DOWN, AnchorHead, BevBackbone, Scale, VoxelBackBone8x, capacities
+from jaxsim.detect.anchors import anchor_boxes, anchor_targets, decode_with_direction
+from jaxsim.detect.backbones import DOWN, AnchorHead, BevBackbone, SparseScale, VoxelBackBone8x, capacities
 from jaxsim.detect.losses import refined, roi_losses, rpn_losses
 from jaxsim.detect.roi_head import VoxelRoiHead, assign_rois
 from jaxsim.detect.sparse import strided_shape
@@ -50,7 +50,7 @@ class VoxelRcnn(nnx.Module):
 
     def first_stage(
         self, points: Float[Array, "b p 4"], valid: Bool[Array, "b p"], *, train: bool
-    ) -> tuple[list[Scale], tuple[Array, Array, Array], Float[Array, "b a 7"], dict[str, Array]]:
+    ) -> tuple[list[SparseScale], tuple[Array, Array, Array], Float[Array, "b a 7"], dict[str, Array]]:
         """Sparse features, the anchor head's outputs, its boxes, and the voxels and sites left out, by stage."""
         cap = self.voxels.max_voxels_train if train else self.voxels.max_voxels
         voxels = jax.vmap(lambda p, v: voxelize(p, v, self.voxels, max_voxels=cap))(points, valid)
@@ -75,7 +75,7 @@ class VoxelRcnn(nnx.Module):
         """Weighted loss terms of a training batch, and what was left out (voxels and sites, a sample)."""
         scales, outputs, boxes, dropped = self.first_stage(points, valid, train=True)
         anchors = jnp.asarray(anchor_boxes(self.config.anchors, self.voxels))
-        wanted = assign(anchors, objects, is_object, config=self.config.anchors)
+        wanted = anchor_targets(anchors, objects, is_object, config=self.config.anchors)
         terms = rpn_losses(outputs, wanted, self.config)
         of_sample, of_dropout = jax.random.split(key)
         # Proposals are given to the second stage: its losses do not move them.

@@ -6,7 +6,7 @@ and (z, y, x, out, in) of spconv 2's *native* algorithm. The first layer, whose 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,9 +17,7 @@ import numpy as np
 from jaxsim.config import DetectorConfig, DetectorExperiment
 from jaxsim.detect.network import FEATURES
 from jaxsim.detect.steps import Network, network_shapes
-from jaxsim.weights import Converter, fit, load_weights
-
-Arrays = Mapping[str, np.ndarray]
+from jaxsim.weights import Arrays, Converter, checked_arrays, load_weights
 
 SPARSE_LAYOUTS: dict[str, tuple[int, ...]] = {
     "spconv 2": (1, 2, 3, 4, 0),
@@ -133,7 +131,7 @@ def published_shapes(experiment: DetectorExperiment, layout: str) -> dict[str, t
 def from_published(arrays: Arrays, experiment: DetectorExperiment) -> Network:
     """The network's values from a state dict. Raises ValueError where it is another network's."""
     layout = sparse_layout(arrays)
-    arrays = fit(dict(arrays), published_shapes(experiment, layout))
+    arrays = checked_arrays(dict(arrays), published_shapes(experiment, layout))
     network = network_shapes(experiment)
     for tensor in tensors(experiment.detector):
         values = _ours(tensor, arrays[tensor.name], SPARSE_LAYOUTS[layout])
@@ -142,7 +140,7 @@ def from_published(arrays: Arrays, experiment: DetectorExperiment) -> Network:
 
 
 def _car(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return fit(arrays, published_shapes(DetectorExperiment(), sparse_layout(arrays)))
+    return checked_arrays(arrays, published_shapes(DetectorExperiment(), sparse_layout(arrays)))
 
 
 def load_published(path: Path) -> Network:

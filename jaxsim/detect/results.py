@@ -15,7 +15,7 @@ from jaxtyping import Float, Float32
 from jaxsim.detect.scenes import View
 from jaxsim.files import write_text
 from jaxsim.frame import Boxes
-from jaxsim.geometry.boxes import camera_boxes, wrapped
+from jaxsim.geometry.boxes import camera_boxes, wrapped_heading
 
 # Corners nearer than this, or behind the camera, have no pixel that says anything.
 NEAR_M = 0.1
@@ -57,7 +57,7 @@ def result_lines(detected: Detected, kind: str, view: View) -> list[str]:
     """The lines of a result file."""
     centre, size, yaw = camera_boxes(detected.boxes, view.rect_from_velo)
     # KITTI's alpha: heading less the direction of sight; in `velo` -y is right and x ahead.
-    alpha = wrapped(yaw - np.arctan2(-detected.boxes[:, 1], detected.boxes[:, 0]))
+    alpha = wrapped_heading(yaw - np.arctan2(-detected.boxes[:, 1], detected.boxes[:, 0]))
     rectangle = outlines(detected.boxes.astype(np.float64), view)
     return [
         f"{kind} -1 -1 {' '.join(f'{v:.4f}' for v in (a, *r, *s[::-1], *c, y, score))}"
@@ -65,14 +65,14 @@ def result_lines(detected: Detected, kind: str, view: View) -> list[str]:
     ]
 
 
-def label_lines(labels: Boxes) -> list[str]:
+def box_lines(labels: Boxes) -> list[str]:
     """The lines of a label file; alpha follows from the box."""
     lines = []
     for k, kind in enumerate(labels.kind):
         x, y, z = np.asarray(labels.centre_m[k]).tolist()
         length, width, height = np.asarray(labels.size_m[k]).tolist()
         yaw = float(labels.yaw_rad[k])
-        alpha = -10.0 if kind.lower() == "dontcare" else float(wrapped(np.array(yaw - np.arctan2(x, z))))
+        alpha = -10.0 if kind.lower() == "dontcare" else float(wrapped_heading(np.array(yaw - np.arctan2(x, z))))
         numbers = (alpha, *labels.bbox_px[k], height, width, length, x, y, z, yaw)
         lines.append(
             f"{kind} {float(labels.truncated[k]):.2f} {int(labels.occluded[k])} "

@@ -19,7 +19,7 @@ from flax import nnx, struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.config import BackboneConfig, RoiConfig, VoxelConfig
-from jaxsim.detect.backbones import BOX, Scale
+from jaxsim.detect.backbones import BOX, SparseScale
 from jaxsim.detect.layers import BatchNorm, FullyConnected, Linear
 from jaxsim.detect.sparse import Sites
 from jaxsim.frame import Array
@@ -128,7 +128,7 @@ def targets_of(
 def seen_from_roi(boxes: Float[Array, "*b s 7"], rois: Float[Array, "*b s 7"]) -> Float[Array, "*b s 7"]:
     """Boxes in the frame of their proposals; a heading the other way round is turned about."""
     turn = rois[..., 6] % (2 * jnp.pi)
-    centre = turned(boxes[..., :3] - rois[..., :3], -turn)
+    centre = turn_about_z(boxes[..., :3] - rois[..., :3], -turn)
     heading = (boxes[..., 6] - turn) % (2 * jnp.pi)
     # Which end is the front is told by the first stage's direction alone.
     about = (heading > jnp.pi / 2) & (heading < 3 * jnp.pi / 2)
@@ -140,24 +140,28 @@ def seen_from_roi(boxes: Float[Array, "*b s 7"], rois: Float[Array, "*b s 7"]) -
 
 def from_roi(boxes: Float[Array, "*b s 7"], rois: Float[Array, "*b s 7"]) -> Float[Array, "*b s 7"]:
     """Boxes in the frames of their proposals back in `velo`: middles turned and moved, headings added."""
-    centre = turned(boxes[..., :3], rois[..., 6]) + rois[..., :3]
+    centre = turn_about_z(boxes[..., :3], rois[..., 6]) + rois[..., :3]
     return jnp.concatenate([centre, boxes[..., 3:6], boxes[..., 6:] + rois[..., 6:]], axis=-1)
 
 
-def turned(xyz: Float[Array, "*b 3"], angle_rad: Float[Array, "*b"]) -> Float[Array, "*b 3"]:
+def turn_about_z(xyz: Float[Array, "*b 3"], angle_rad: Float[Array, "*b"]) -> Float[Array, "*b 3"]:
     """Points turned counter-clockwise about z."""
     cos, sin = jnp.cos(angle_rad), jnp.sin(angle_rad)
     x, y = xyz[..., 0], xyz[..., 1]
     return jnp.stack([cos * x - sin * y, sin * x + cos * y, xyz[..., 2]], axis=-1)
 
 
+def _cell_offsets(grid: int) -> Float[np.ndarray, "g 3"]:
+    """Middles of grid x grid x grid cells of a box of length 1 about its middle; x slowest, z fastest."""
+    return (np.stack(np.meshgrid(*[np.arange(grid)] * 3, indexing="ij"), -1).reshape(-1, 3) + 0.5) / grid - 0.5
+
+
 def grid_points(rois: Float[Array, "*b r 7"], grid: int) -> Float[Array, "*b r g 3"]:
     """Middles of grid x grid x grid cells of each proposal, in `velo`; x slowest, z fastest."""
-    offset = (np.stack(np.meshgrid(*[np.arange(grid)] * 3, indexing="ij"), -1).reshape(-1, 3) + 0.5) / grid - 0.5
-    offset = jnp.asarray(offset, rois.dtype).reshape((1,) * (rois.ndim - 1) + (-1, 3))
+    offset = jnp.asarray(_cell_offsets(grid), rois.dtype).reshape((1,) * (rois.ndim - 1) + (-1, 3))
     local = offset * rois[..., None, 3:6]
     heading = jnp.broadcast_to(rois[..., None, 6], local.shape[:-1])
-    return turned(local, heading) + rois[..., None, :3]
+    return turn_about_z(local, heading) + rois[..., None, :3]
 
 
 def cell_of(xyz: Float[Array, "q 3"], voxels: VoxelConfig, stride: int) -> Int[Array, "q 3"]:
@@ -244,7 +248,7 @@ class VoxelPool(nnx.Module):
 
     def __call__(
         self,
-        scale: Scale,
+        scale: SparseScale,
         xyz: Float[Array, "b q 3"],
         *,
         radius_m: float,
@@ -292,7 +296,7 @@ class VoxelRoiHead(nnx.Module):
             layer.bias[...] = jnp.zeros_like(layer.bias[...])
 
     def __call__(
-        self, scales: list[Scale], rois: Float[Array, "b r 7"], voxels: VoxelConfig, *, key: Array | None
+        self, scales: list[SparseScale], rois: Float[Array, "b r 7"], voxels: VoxelConfig, *, key: Array | None
     ) -> tuple[Float[Array, "b r"], Float[Array, "b r 7"]]:
         """Logits and encoded boxes; with a key as in training."""
         b, r, _ = rois.shape

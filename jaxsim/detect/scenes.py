@@ -83,7 +83,7 @@ def difficulties(labels: Boxes) -> Int[np.ndarray, " g"]:
     return difficulty
 
 
-def scene_of(frame: Frame, kind: str, *, in_image: bool) -> Scene:
+def scene_of_frame(frame: Frame, kind: str, *, in_image: bool) -> Scene:
     """A frame's scene; `in_image` keeps only what the camera sees.
 
     Raises ValueError for a frame without points, and without intensity (NaN).
@@ -94,7 +94,7 @@ def scene_of(frame: Frame, kind: str, *, in_image: bool) -> Scene:
     intensity = np.asarray(frame.cloud.intensity)
     valid = np.asarray(frame.cloud.valid)
     points = np.column_stack([xyz, intensity]).astype(np.float32)[valid]
-    check_points(points, frame.name)
+    check_detectable(points, frame.name)
     view = view_of(frame)
     if in_image:
         points = points[seen_by(points, view)]
@@ -109,7 +109,7 @@ def scene_of(frame: Frame, kind: str, *, in_image: bool) -> Scene:
     return Scene(frame.name, points, boxes, target, difficulties(labels)[things], view, labels, frame.ground)
 
 
-def check_points(points: Float[np.ndarray, "n c"], name: str) -> None:
+def check_detectable(points: Float[np.ndarray, "n c"], name: str) -> None:
     """Raises ValueError for a cloud without intensity, and as geometry's check of the same name."""
     if points.shape[1] < 4:
         raise ValueError(
@@ -144,7 +144,7 @@ def cached_scenes(
     files = [folder / f"{i:06d}.npz" for i in positions]
     missing = [(i, file) for i, file in zip(positions, files, strict=True) if not file.is_file()]
     for i, file in Progress(missing, desc="scenes", unit="frame", disable=not missing):
-        write_scene(file, scene_of(dataset[i], kind, in_image=in_image))
+        write_scene(file, scene_of_frame(dataset[i], kind, in_image=in_image))
     return Scenes(files)
 
 

@@ -25,7 +25,7 @@ Triple = tuple[int, int, int]
 CUBE: Triple = (3, 3, 3)
 
 
-class Window(NamedTuple):
+class ConvWindow(NamedTuple):
     """What an output of a convolution sees of its input."""
 
     kernel: Triple
@@ -79,7 +79,7 @@ def key_of(zyx: Int[Array, "*n 3"], shape: Triple) -> Int[Array, "*n"]:
     return (zyx[..., 0] * shape[1] + zyx[..., 1]) * shape[2] + zyx[..., 2]
 
 
-def strided_shape(shape: Triple, window: Window) -> Triple:
+def strided_shape(shape: Triple, window: ConvWindow) -> Triple:
     """Grid of a strided convolution's output."""
 
     def along(axis: int) -> int:
@@ -99,7 +99,7 @@ def unique_sites(keys: Int[Array, " q"], shape: Triple, capacity: int) -> tuple[
     return Sites(unique, shape), jnp.maximum(new.sum(dtype=jnp.int32) - capacity, 0)
 
 
-def strided_sites(sites: Sites, window: Window, capacity: int) -> tuple[Sites, Int[Array, ""]]:
+def strided_sites(sites: Sites, window: ConvWindow, capacity: int) -> tuple[Sites, Int[Array, ""]]:
     """Outputs that have an active input in their kernel, and how many of them did not fit `capacity`."""
     kernel, stride, padding = window
     shape = strided_shape(sites.shape, window)
@@ -118,7 +118,7 @@ def strided_sites(sites: Sites, window: Window, capacity: int) -> tuple[Sites, I
     return unique_sites(jnp.concatenate(keys), shape, capacity)
 
 
-def neighbours(inputs: Sites, outputs: Sites, window: Window) -> Int[Array, "m k"]:
+def neighbours(inputs: Sites, outputs: Sites, window: ConvWindow) -> Int[Array, "m k"]:
     """For each output and kernel cell (z slowest) the row of the input below it; n where there is none."""
     kernel, stride, padding = window
     n, (planes, rows, columns) = len(inputs.key), inputs.shape
@@ -142,11 +142,11 @@ def neighbours(inputs: Sites, outputs: Sites, window: Window) -> Int[Array, "m k
 
 def submanifold_tables(sites: Sites) -> Tables:
     """Tables of a convolution with a kernel of 3 x 3 x 3 whose outputs are its inputs' sites."""
-    forward = neighbours(sites, sites, Window(CUBE, (1, 1, 1), (1, 1, 1)))
+    forward = neighbours(sites, sites, ConvWindow(CUBE, (1, 1, 1), (1, 1, 1)))
     return Tables(forward, forward[:, ::-1])  # who sees a site through one cell is seen by it through the opposite one
 
 
-def strided_tables(inputs: Sites, outputs: Sites, window: Window) -> Tables:
+def strided_tables(inputs: Sites, outputs: Sites, window: ConvWindow) -> Tables:
     """Tables of a convolution from `inputs` to the sites that `strided_sites` gave."""
     forward = neighbours(inputs, outputs, window)
     m, k = forward.shape

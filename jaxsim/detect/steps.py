@@ -11,11 +11,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 from flax import nnx, struct
 from jax.sharding import Mesh, NamedSharding
-from jaxtyping import Float
+from jaxtyping import Float, PyTree
 
 from jaxsim.config import DetectorExperiment, OneCycleConfig
 from jaxsim.detect.layers import Statistic
@@ -23,8 +22,6 @@ from jaxsim.detect.network import Detections, VoxelRcnn
 from jaxsim.devices import WHOLE
 from jaxsim.frame import Array
 
-Tree = Any
-Metrics = dict[str, Array]
 PREFIX = "dropped/"
 REMEDIES = {
     "points": "--voxels.max-points",
@@ -41,8 +38,8 @@ REMEDIES = {
 class Network:
     """A network's values: nested dicts by attribute name, as the modules nest."""
 
-    parameters: Tree
-    statistics: Tree
+    parameters: PyTree
+    statistics: PyTree
     """Running means and variances of the batch norms."""
 
 
@@ -53,7 +50,7 @@ class TrainState:
     step: Array
     """int32: updates done."""
     network: Network
-    optim: Tree
+    optim: PyTree
 
 
 def split(module: nnx.Module) -> tuple[Any, Network]:
@@ -125,11 +122,11 @@ def one_cycle(config: OneCycleConfig, steps: int, step: Array) -> tuple[Float[Ar
 def optimiser(config: OneCycleConfig, steps: int) -> optax.GradientTransformation:
     """Clipping by norm, then Adam with the cycle above and decoupled decay of every parameter, before the update."""
 
-    def init(parameters: Tree) -> Tree:
+    def init(parameters: PyTree) -> PyTree:
         zeros = jax.tree.map(jnp.zeros_like, parameters)
         return {"first": zeros, "second": zeros, "count": jnp.zeros((), jnp.int32)}
 
-    def update(gradient: Tree, state: Tree, parameters: Tree) -> tuple[Tree, Tree]:
+    def update(gradient: PyTree, state: PyTree, parameters: PyTree) -> tuple[PyTree, PyTree]:
         rate, beta = one_cycle(config, steps, state["count"])
         norm = optax.tree.norm(gradient)
         gradient = jax.tree.map(lambda g: g * jnp.minimum(1.0, config.clip / (norm + 1e-6)), gradient)
@@ -154,7 +151,7 @@ def optimiser(config: OneCycleConfig, steps: int) -> optax.GradientTransformatio
 
 def make_train_step(
     experiment: DetectorExperiment, steps: int, *, mesh: Mesh | None = None
-) -> Callable[[TrainState, dict[str, Array]], tuple[TrainState, Metrics]]:
+) -> Callable[[TrainState, dict[str, Array]], tuple[TrainState, dict[str, Array]]]:
     """Jitted (state, batch) -> (state, metrics) of a training of so many steps; the given state is donated.
 
     A batch is one of `SceneBatches`. Metrics are scalars: `loss/...` of each weighted term and `loss/total`; `lr`,
@@ -164,7 +161,7 @@ def make_train_step(
     """
     definition, adam = definition_of(experiment), optimiser(experiment.optim, steps)
 
-    def train_step(state: TrainState, batch: dict[str, Array], seed: Array) -> tuple[TrainState, Metrics]:
+    def train_step(state: TrainState, batch: dict[str, Array], seed: Array) -> tuple[TrainState, dict[str, Array]]:
         # Of the step alone: a resumed run draws what an unstopped one would have drawn.
         key = jax.random.fold_in(jax.random.wrap_key_data(seed), state.step)
         network = state.network
@@ -192,7 +189,7 @@ def make_train_step(
 
     jitted = jax.jit(train_step, donate_argnums=0)
     # an argument: as a constant it would have every seed compile a program of its own
-    seed = np.asarray(jax.random.key_data(jax.random.key(experiment.run.seed)))
+    seed = jax.device_get(jax.random.key_data(jax.random.key(experiment.run.seed)))
     return lambda state, batch: jitted(state, batch, seed)
 
 

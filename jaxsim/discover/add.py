@@ -28,7 +28,7 @@ DIFFERENCE = 0.02
 BOUND = 1e-6
 """Distance from a bound at which a value counts as held there."""
 
-Numbers = Float[np.ndarray, "*k"] | np.floating
+_Numbers = Float[np.ndarray, "*k"] | np.floating
 """A parameter's: arithmetic on an array without dimensions gives a NumPy scalar."""
 
 
@@ -142,7 +142,7 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
     return parameters
 
 
-def interval_of(value: Numbers, low: Numbers, high: Numbers, *, unit: str) -> Interval | tuple[Interval, ...]:
+def interval_of(value: _Numbers, low: _Numbers, high: _Numbers, *, unit: str) -> Interval | tuple[Interval, ...]:
     """A parameter with its ends: one interval, or one a beam or class."""
     if value.ndim == 0:
         return Interval(float(value), float(low), float(high), unit)

@@ -20,7 +20,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.frame import PolarImage
 from jaxsim.geometry import grid_difference
 
-Sides = tuple[Mapping[str, PolarImage], Mapping[str, PolarImage]]
+_Sides = tuple[Mapping[str, PolarImage], Mapping[str, PolarImage]]
 """Simulated and measured frames by name."""
 RAYS = 2000
 """Rays looked at in each frame."""
@@ -65,7 +65,7 @@ def check_one_grid(simulated: PolarFrames, measured: PolarFrames) -> None:
         )
 
 
-def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: Sides, allowed: int = 0) -> None:
+def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: _Sides, allowed: int = 0) -> None:
     """Raises ValueError where more measured frames than are `allowed` hold the readings of a simulated one."""
     ours, theirs = sides
     seen = {_readings(image): name for name, image in ours.items()}

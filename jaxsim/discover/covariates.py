@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -133,7 +133,7 @@ def with_columns(problem: Problem, columns: Float[np.ndarray, "n k"]) -> Problem
     basis = np.zeros((*hit.shape, COLUMNS), np.float32)
     basis[hit, : columns.shape[1]] = columns
     # On the device once: every step of every fit reads it.
-    return replace(problem, basis=jnp.asarray(basis))
+    return replace(problem, basis=jax.device_put(basis))
 
 
 def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:

@@ -1,6 +1,6 @@
 """Every frame of folders that do not fit into memory: what an answer gains on all that it was not found on.
 
-`read.thinned` reads as many frames as fit, and effects are named on these. Here all others are judged, a block of
+`read.thin_frames` reads as many frames as fit, and effects are named on these. Here all others are judged, a block of
 frames at a time: memory is that of one block, and time is linear in frames. Only sums are kept: each scene's errors and
 nats, each frame's gain, and each cell's residuals.
 
@@ -37,7 +37,7 @@ from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
 from jaxsim.progress import Progress
 
-Maps = dict[str, Float[np.ndarray, "r c"]]
+_Maps = dict[str, Float[np.ndarray, "r c"]]
 
 
 @dataclass
@@ -70,7 +70,7 @@ class HeldAnswer(NamedTuple):
 @one_blas_thread
 def judge_rest(
     comparison: Comparison, mounting: Mounting, by: HeldAnswer, *, size: int = 0
-) -> tuple[EveryFrame, tuple[Maps, Maps]] | None:
+) -> tuple[EveryFrame, tuple[_Maps, _Maps]] | None:
     """What the answer gains on the frames that were not read, `size` at a time (0: as many as judge scenes have now),
     and the maps of their residuals before and after; None where there are none, or each frame is of a moment of its
     own.
@@ -93,7 +93,7 @@ def judge_rest(
     return told(sums, by), (maps[0], maps[1])
 
 
-class Block(NamedTuple):
+class JudgedBlock(NamedTuple):
     """The find scenes' blocks and those of further frames."""
 
     division: Division
@@ -114,7 +114,7 @@ def block_of(
     by: HeldAnswer,
     size: int,
     number: int,
-) -> Block:
+) -> JudgedBlock:
     """The next frames as they are judged; the last one is repeated until there are `size`."""
     padded = [*names, *[names[-1]] * (size - len(names))]
     part = place_alike(read_part(rest, padded, like=comparison), mounting, by.known)
@@ -128,12 +128,12 @@ def block_of(
     find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, is_find, strict=True) if keep)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
     fitted = np.concatenate([np.ones(int(is_find.sum())), np.zeros(len(new.frame))]).astype(np.float32)
-    return Block(
+    return JudgedBlock(
         _joined(old, fresh, is_find), fitted, ("",) * int(is_find.sum()) + tuple(of_block), (*find_scenes, *new.scene)
     )
 
 
-def add(sums: Sums, block: Block, by: HeldAnswer) -> None:
+def add(sums: Sums, block: JudgedBlock, by: HeldAnswer) -> None:
     """Judges a block's frames and adds them to the sums."""
     division = block.division
     scenes = tuple(dict.fromkeys(division.blocks.scene))
@@ -182,7 +182,7 @@ def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
     )
 
 
-def in_words(told: EveryFrame) -> str:
+def rest_in_words(told: EveryFrame) -> str:
     """A note for the verdict."""
     gains = ", ".join(
         f"{name} {one.value:.3g} nats a frame ({one.low:.3g} to {one.high:.3g})" for name, one in told.gained.items()

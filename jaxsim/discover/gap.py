@@ -27,7 +27,7 @@ from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES, log_likelihood, log_lost, rounding_gain
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import residuals, spread
+from jaxsim.discover.model.null import residual_spread, residuals
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import mean_interval, ratio_interval
@@ -45,7 +45,7 @@ CLIP_M = 1.0
 STEPS = 20
 """Steps of both regressions: either has long converged by then."""
 Design = Float[np.ndarray, "n k"]
-Line = Float[np.ndarray, " n"]
+_Line = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ class Curves:
 def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates: Sequence[str]) -> Curves:
     """Free curves along `covariates`, learned from the fitted blocks."""
     rays = jax.tree.map(np.asarray, problem.ev.rays)
-    sds = [np.asarray(sd, float) for sd in spread(problem.ev, problem.noise)]
+    sds = [np.asarray(sd, float) for sd in residual_spread(problem.ev, problem.noise)]
     lost = sds[2]
     by_channel = residuals(problem, fitted)
     train = np.asarray(fitted) > 0
@@ -223,7 +223,7 @@ def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates
     return Curves(curves("intensity", sds[0]), curves("range", sds[1]), log_keep.astype(np.float32))
 
 
-def robust(x: Design, y: Line, sd: Line) -> Float[np.ndarray, " k"]:
+def robust(x: Design, y: _Line, sd: _Line) -> Float[np.ndarray, " k"]:
     """Coefficients by iteratively reweighted least squares, Student-t errors of scale `sd`."""
     beta = np.zeros(x.shape[1])
     for _ in range(STEPS):
@@ -233,7 +233,7 @@ def robust(x: Design, y: Line, sd: Line) -> Float[np.ndarray, " k"]:
     return beta
 
 
-def log_odds(x: Design, off: Line, p: Line) -> Float[np.ndarray, " k"]:
+def log_odds(x: Design, off: _Line, p: _Line) -> Float[np.ndarray, " k"]:
     """Coefficients of what is added to the log odds of `p`, where `off` is what happened (0 or 1) less p."""
     beta = np.zeros(x.shape[1])
     happened = off + p
@@ -248,5 +248,5 @@ def log_odds(x: Design, off: Line, p: Line) -> Float[np.ndarray, " k"]:
     return beta
 
 
-def _solved(x: Design, weight: Line, right: np.ndarray, *, ridge: float) -> Float[np.ndarray, " k"]:
+def _solved(x: Design, weight: _Line, right: np.ndarray, *, ridge: float) -> Float[np.ndarray, " k"]:
     return np.linalg.solve(x.T @ (weight[:, None] * x) + ridge * np.eye(x.shape[1]), right)

@@ -11,7 +11,6 @@ from collections.abc import Collection
 from dataclasses import fields, replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -88,7 +87,7 @@ def _by_scene(comparison: Comparison, scan: Scan) -> list[Levels]:
 def _frames(scan: Scan, keep: np.ndarray) -> Scan:
     """Some frames of a scan."""
     rasters = {f.name: getattr(scan, f.name) for f in fields(scan) if f.name != "grid"}
-    return replace(scan, **jax.tree.map(lambda raster: jnp.asarray(np.asarray(raster)[keep]), rasters))
+    return replace(scan, **jax.tree.map(lambda raster: jax.device_put(np.asarray(raster)[keep]), rasters))
 
 
 def _compared(name: str, unit: str, *, simulated: list[float], measured: list[float]) -> Level:
@@ -123,4 +122,4 @@ def _mean(side: Float[np.ndarray, " s"], power: int, unit: str) -> Interval:
 def _only(steps: Float[np.ndarray, " s"]) -> float:
     """The step of most scenes; 0 where they differ by more than rounding."""
     middle = float(np.median(steps))
-    return middle if np.mean(np.isclose(steps, middle, rtol=0.02)) > RULES.most_frames else 0.0
+    return middle if np.mean(np.isclose(steps, middle, rtol=RULES.lattice_near)) > RULES.most_frames else 0.0

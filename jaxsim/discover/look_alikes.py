@@ -63,7 +63,7 @@ def described(effect: OwnEffect, rays: Rays, scan: Scan) -> OwnEffect:
 def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]:
     """The catalogue's effects of its channels that reproduce most of what `effect` does at a visible size, nearest
     first."""
-    rays = thinned(rays)
+    rays = thin_rays(rays)
     # At a visible size: near neutral any two effects are as good as linear, and more of them look alike.
     change = np.asarray(_change(effect, visible(effect, scan.range_m.shape[1]), rays, scan=scan))
     size = float(np.square(change).sum())
@@ -80,7 +80,7 @@ def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]
     return tuple(sorted(alike, key=lambda one: -one.share))
 
 
-def thinned(rays: Rays) -> Rays:
+def thin_rays(rays: Rays) -> Rays:
     """Every so many blocks and columns of rays (blocks, columns, rows), so that RAYS are left or fewer."""
     step = int(np.ceil(np.sqrt(rays.row.size / RAYS)))
     return jax.tree.map(lambda leaf: leaf[::step, ::step] if leaf.ndim >= 3 else leaf, rays)
@@ -134,7 +134,7 @@ def _imitated(other: Effect, own: np.ndarray, rays: Rays, *, scan: Scan) -> np.n
     """The change by `other` that is nearest to the own one, by least squares within its bounds."""
     rows = scan.range_m.shape[1]
     restore = restorer(to_z(other, {}, rows))
-    target = jnp.asarray(own, jnp.float32)
+    target = jax.device_put(own.astype(np.float32))
 
     def slope(x: Float[np.ndarray, " n"]) -> tuple[tuple[Array, Array], dict[str, Array]]:
         return _slope(restore(x), target, rays, effect=other, scan=scan)

@@ -41,7 +41,7 @@ LIFTED = Law(
     casts=2,
 )
 """`beam_elevation_error` with one number for all beams."""
-Values = dict[str, dict[str, Float[np.ndarray, " k"]]]
+EffectValues = dict[str, dict[str, Float[np.ndarray, " k"]]]
 """Values of effects' parameters: a number for every frame, or beam."""
 
 
@@ -103,7 +103,7 @@ def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, kn
     return place_mounting(replace(comparison, registration=finer), mounting.effects, known)
 
 
-def _of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> Values:
+def _of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> EffectValues:
     """Frames' motions as parameters of the effects of PARTS."""
     # A motion's numbers: 0 to 2 the shift, 3 to 5 the rotation vector, 6 the lift of beams, 7 the way driven.
     yaw, pitch, roll = Rotation.from_rotvec(motion[:, 3:6]).as_euler("ZYX").T

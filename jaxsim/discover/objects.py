@@ -20,8 +20,6 @@ from jaxsim.discover.verdict import Fidelity, Interval
 
 TILE = (8, 32)
 """Rows and columns of a tile of the raster."""
-BESIDE_M = 0.5
-"""How far a measured point may lie before and behind a target's own simulated ranges."""
 NAMES = {number: name for name, number in IDS.items()}
 
 
@@ -89,7 +87,7 @@ def targets(comparison: Comparison, frame: int) -> Iterator[Target]:
             ours = mask & hit
             if not ours.any():
                 continue
-            low, high = range_m[ours].min() - BESIDE_M, range_m[ours].max() + BESIDE_M
+            low, high = range_m[ours].min() - RULES.target_beside_m, range_m[ours].max() + RULES.target_beside_m
             theirs = mask & returned & (sensed_m >= low) & (sensed_m <= high)
             points = int(ours.sum()), int(theirs.sum())
             # Errors are shares of the measured: where nothing was, there is none.

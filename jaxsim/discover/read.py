@@ -30,7 +30,7 @@ from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.register import register
 from jaxsim.discover.register.registration import Registration, other_moments, speeds_read
-from jaxsim.discover.scenes import Split, split
+from jaxsim.discover.scenes import Split, split_scenes
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
@@ -107,7 +107,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
             f"{measured} ({', '.join(recorded.names[:3])} ...); frames of the same name are compared"
         )
     shared = names
-    names = thinned(names, [scene_of(name, predicted, recorded) for name in names], grid=grid)
+    names = thin_frames(names, [scene_of(name, predicted, recorded) for name in names], grid=grid)
     read = {*names}
     images, sensed, extra = _read(names, predicted, recorded)
     sides = dict(zip(names, images, strict=True)), dict(zip(names, sensed, strict=True))
@@ -206,7 +206,7 @@ def _measured(images: Sequence[PolarImage]) -> Measured:
     return Measured(*(np.stack([getattr(m, part) for m in images]) for part in ("range_m", "intensity", "valid")))
 
 
-def thinned(names: Sequence[str], scenes: Sequence[str], *, grid: PolarGrid) -> list[str]:
+def thin_frames(names: Sequence[str], scenes: Sequence[str], *, grid: PolarGrid) -> list[str]:
     """As many frames as MOST_CELLS allow, in order: as many of each scene, spread evenly over it; where there are more
     scenes than that, one frame of scenes that are spread evenly."""
     most = max(FEWEST_FRAMES, MOST_CELLS // (len(grid.elevation_rad) * len(grid.azimuth_rad)))
@@ -279,7 +279,7 @@ class Division:
         chosen = chosen or blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
         rays = cast(scan, chosen.frame, chosen.column)
-        parts = parts or split(chosen.scene)
+        parts = parts or split_scenes(chosen.scene)
         return cls(scan, given, simulator, measured, chosen, rays, parts, comparison.cast_again, comparison.names)
 
     def evidence(

@@ -9,6 +9,7 @@ from another rule, as their text says, or are conventions.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from jaxsim.metrics.intervals import LEVEL
@@ -86,6 +87,50 @@ class Rules:
     """Rays from which a surface's mean is taken."""
     better_partner: float = 0.1
     """By how much larger a share of its rays another frame must agree with to be the true partner."""
+
+    # Compare: readings that say something of a reflectance or a distance.
+    compared_below_rad: float = math.radians(80.0)
+    """Intensities are compared below this incidence: beyond it a degree off changes the cosine by a tenth."""
+    compared_steps: float = 3.0
+    """Steps of the sensor's rounding below which predicted intensities are not compared: their logarithms are off."""
+    compared_noise: float = 0.2
+    """Noise of the sensor, the same for all intensities, over the predicted one from which on intensities are not
+    compared: the mean of the logarithm is then off by half its square."""
+    full_reading: float = 0.9995
+    """Intensity from which a reading lies at the end of the sensor's scale: what is brighter reads the same ..."""
+    full_share: float = 0.05
+    """... so surfaces of which more than this share reads it are not compared: the others of them are the dark ones."""
+    least_slant: float = 0.03
+    """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
+
+    # Noise and lattices of frames. Those of noise were set on the street of tests/discover/noisy_street.py: without
+    # noise it has none, and each kind of noise is told there within a tenth to a third.
+    finest_step: float = 1e-3
+    """Step up to which a lattice is no rounding: a thousandth of the full scale, or a millimetre."""
+    lattice_share: float = 0.995
+    """Share of the values that must lie on a lattice: a faulty reading does not hide it ..."""
+    lattice_near: float = 0.02
+    """... within this share of a step ..."""
+    lattice_values: int = 100
+    """... and values that it takes: few lie on some lattice by chance ..."""
+    lattice_gaps: int = 5
+    """... and gaps between them."""
+    fewest_differences: int = 400
+    """Differences between neighbouring rays of one surface from which noise is told, as are those of each level of
+    intensity."""
+    noisy_range_m: float = 0.004
+    """Range noise below which a side counts as ideal, standard deviation: curved surfaces have as much."""
+    noisy_intensity: float = 0.01
+    """The same of intensity, as a share of it."""
+    noisy_incidence_rad: float = math.radians(0.5)
+    """The same of angles of incidence."""
+    noisy_loss: float = 0.001
+    """Share of rays lost within smooth surfaces below which holes are the street's."""
+    noisy_constant: float = 4.0
+    """The part of the noise that is the same for all intensities counts from so many times the proportional one on, in
+    squares and in the darkest bin: where it is four fifths of the variance."""
+    cosine_as_well: float = 1.1
+    """Ratio of variances up to which intensities follow the cosine as well as they follow none."""
 
     # Find: dependences of residuals on covariates.
     knots: int = 10
@@ -307,6 +352,9 @@ class Rules:
     grazing angles, small gaps). Development cases without an effect reach 1.1 %."""
     unpaired_hidden_share: float = 0.5
     """Share of a side's frames in which a column is empty, from where it belongs to a hidden sector."""
+    unpaired_smooth_share: float = 0.05
+    """A lost ray lay on a smooth surface if its neighbours to both sides returned, with ranges this close, as a
+    share."""
     unpaired_uneven: float = 2.5
     """Losses of one probability differ by less than this factor between parts of the rows and of the azimuth."""
 
@@ -315,6 +363,8 @@ class Rules:
     """Scenes below which the scatter between them says nothing of a distance, of a day, or of a kind of targets."""
     fewest_target_points: int = 10
     """Points of a target, on the side that has more of them, below which their counts are chance."""
+    target_beside_m: float = 0.5
+    """How far a measured point may lie before and behind a target's own simulated ranges to be one of it."""
     odd_frames: int = 5
     """Frames that are listed as those which an answer serves worst, of folders that do not fit into memory."""
     gate_worse_share: float = 0.10

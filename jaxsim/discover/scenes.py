@@ -45,7 +45,7 @@ __all__ = [
     "p_value",
     "ratio_interval",
     "signs_of",
-    "split",
+    "split_scenes",
     "student_reach",
 ]
 ALL_SIGNS = 12
@@ -61,7 +61,7 @@ class Split:
     sha256: str
 
 
-def split(names: Sequence[str], *, fewest: int = RULES.fewest_scenes) -> Split:
+def split_scenes(names: Sequence[str], *, fewest: int = RULES.fewest_scenes) -> Split:
     """Divides scenes by the hash of their names: two thirds to find, one third to judge; the same names always divide
     alike.
 

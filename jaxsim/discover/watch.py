@@ -58,7 +58,7 @@ def watch_days(before: Path, days: Sequence[Path]) -> tuple[Day, ...]:
     `Rules.fewest_for_scatter` scenes.
     """
     grid, base = scene_table(before)
-    names = questions(grid)
+    names = measure_names(grid)
     rows = []
     for folder in days:
         other, table = scene_table(folder)
@@ -88,7 +88,7 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
     changes does not move the others."""
     valid = np.asarray(image.valid)
     log_intensity = np.log(np.maximum(np.asarray(image.intensity), _LEAST))
-    # The whole frame, then its rows, then its sectors: the order of `questions`.
+    # The whole frame, then its rows, then its sectors: the order of `measure_names`.
     parts = [valid, *valid, *np.array_split(valid, SECTORS, axis=1)]
     values = [log_intensity, *log_intensity, *np.array_split(log_intensity, SECTORS, axis=1)]
     share = np.array([part.mean() for part in parts])
@@ -100,7 +100,7 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
     return np.concatenate([level, share])
 
 
-def questions(grid: PolarGrid) -> list[tuple[str, str]]:
+def measure_names(grid: PolarGrid) -> list[tuple[str, str]]:
     """Name and channel of each number of `measures`."""
     degrees = np.rad2deg(np.asarray(grid.azimuth_rad))
     edges = [(part[0], part[-1]) for part in np.array_split(degrees, SECTORS)]

@@ -11,7 +11,7 @@ from typing import Any
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, add_effects
-from jaxsim.discover.every_frame import HeldAnswer, in_words, judge_rest
+from jaxsim.discover.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.explain import (
     mutual_noise,
     named,
@@ -23,7 +23,7 @@ from jaxsim.discover.explain import (
     why_not,
 )
 from jaxsim.discover.find import Dependences, find_dependences
-from jaxsim.discover.law.learn import form_of
+from jaxsim.discover.law.learn import curve_form
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.look_alikes import with_look_alikes
@@ -167,7 +167,7 @@ def discover(
             *notes(comparison, parts, model.choice, held=modelled),
             *simulator_noise(division.simulator.noise),
             *mutual_noise(model.answer.mutual),
-            *([in_words(every)] if every else []),
+            *([rest_in_words(every)] if every else []),
             *([unrelated_note] if unrelated_note else []),
         ),
         seconds=time.monotonic() - begun,
@@ -211,7 +211,7 @@ def sensor_model_of(
     choice = answer.choice
     form = None
     if answer.curve:
-        form = form_of(choice.problem, *answer.curve, crossed=dependences.crossed, bar=choice.bars.free)
+        form = curve_form(choice.problem, *answer.curve, crossed=dependences.crossed, bar=choice.bars.free)
     added = add_effects(null, choice.steps, known=known, form=form, regions=divided.regions)
     if added.learned:
         log(f"{added.learned.learned.name}: no effect of the catalogue, added as it is")

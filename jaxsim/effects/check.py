@@ -164,10 +164,10 @@ def _street() -> tuple[Scan, Rays]:
     # Head on and edge on exactly, where tangents and logarithms of cosines end.
     angle[:, 2, ::2], angle[:, 3, ::2] = 0, np.pi / 2
     dark = np.where(rng.random(angle.shape) < 0.2, np.log(1e-4), np.asarray(rays.log_intensity)).astype(np.float32)
-    more = jnp.asarray(dark) - rays.log_intensity
+    more = jax.device_put(dark) - rays.log_intensity
     return scan, replace(
         rays,
-        incidence_rad=jnp.asarray(angle),
+        incidence_rad=jax.device_put(angle),
         log_intensity=rays.log_intensity + more,
         log_power=rays.log_power + more,
     )
@@ -309,7 +309,7 @@ def small_street(*, frames: int = 3, rows: int = 16, columns: int = 90) -> Scan:
         angle = np.where(hit, np.arccos(np.clip(cosine, 0, 1)), 0).astype(np.float32)
         facts.append({"incidence": angle, "semantic": semantic * hit, "instance": instance, "rgb": colour})
         about.append({"time": 30.0 * k, "speed": 3.0 * k, "heading": 0.7 * k})
-    return jax.tree.map(jnp.asarray, scan_of(grid, images, facts, about=about))
+    return jax.device_put(scan_of(grid, images, facts, about=about))
 
 
 def _boxes(rng: np.random.Generator) -> list[Box]:

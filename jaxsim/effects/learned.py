@@ -184,7 +184,7 @@ def _weights(x: Float[Array, "*n"], knots: Float[Array, " k"]) -> Float[Array, "
     return jnp.stack([jnp.interp(x, knots, row) for row in eye], axis=-1)
 
 
-def kind_of(covariate: str, knots: Numbers) -> str:
+def curve_kind(covariate: str, knots: Numbers) -> str:
     """The kind of a law along one covariate: a table of beams or classes, periodic where its knots go all round."""
     if covariate in TABLES:
         return "table"

@@ -35,7 +35,7 @@ STAGE_WORDS = {
 }
 
 
-def table() -> str:
+def effects_table() -> str:
     """The list of effects, a line each: name, stage, channels, title."""
     rows = [("name", "stage", "channels", "")]
     rows += [(e.name, e.stage, ", ".join(e.channels), e.title) for e in EFFECTS.values()]
@@ -48,7 +48,7 @@ def describe(effect: Effect) -> str:
     lines = [f"{effect.name}: {effect.title}", f"stage {effect.stage}, changes {', '.join(effect.channels)}", ""]
     lines += [f"  {effect.formula}", "", "parameters"]
     width = max(map(len, effect.parameters))
-    lines += [f"  {name.ljust(width)}  {in_words(p)}" for name, p in effect.parameters.items()]
+    lines += [f"  {name.ljust(width)}  {parameter_in_words(p)}" for name, p in effect.parameters.items()]
     text = [f"  {effect.signature}"] if effect.signature else []
     lines += ["", "signature", *text, f"  covariates: {', '.join(effect.covariates) or 'none'}"]
     alike = effect.alike if isinstance(effect, OwnEffect) else ()
@@ -59,16 +59,17 @@ def describe(effect: Effect) -> str:
     return "\n".join([*lines, "", f"source: {'; '.join(filter(None, sources))}"])
 
 
-def in_words(p: Parameter) -> str:
+def parameter_in_words(p: Parameter) -> str:
     """Meaning, shape, bounds and neutral value of a parameter."""
     many = {"scalar": "", "row": " (one a beam)", "class": " (one a class)"}[p.shape]
     unit = f" {p.unit}" if p.unit else ""
     fixed = "" if p.fitted else "; given, not fitted"
-    bounds = f"{number(p.low)}..{number(p.high)}{unit}; starts from {number(p.neutral)}; typical {number(p.scale)}"
-    return f"{p.meaning}{many}: {bounds}{fixed}"
+    bounds = f"{few_digits(p.low)}..{few_digits(p.high)}{unit}"
+    usual = f"starts from {few_digits(p.neutral)}; typical {few_digits(p.scale)}"
+    return f"{p.meaning}{many}: {bounds}; {usual}{fixed}"
 
 
-def number(value: float) -> str:
+def few_digits(value: float) -> str:
     """A number in few digits, with pi by name."""
     return {math.pi: "π", -math.pi: "−π"}.get(value, f"{value:g}")
 
@@ -84,7 +85,7 @@ def page() -> str:
 
 def _entry(effect: Effect) -> str:
     """An effect's part of the page."""
-    parameters = "\n".join(f"- `{name}`: {in_words(p)}" for name, p in effect.parameters.items())
+    parameters = "\n".join(f"- `{name}`: {parameter_in_words(p)}" for name, p in effect.parameters.items())
     others = "\n".join(f"- `{other}`: {how}." for other, how in effect.look_alikes.items())
     return f"""
 ### {effect.name}

@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.effects.effect import Law
@@ -116,7 +115,7 @@ def within(effect: L, region: Region, frames: Bool[Array, " f"], *, outside: boo
     which frames of the scan lie in the region."""
     chosen = jnp.asarray(frames)
     # Laws are told apart by name.
-    mark = hashlib.sha256(f"{region} {np.asarray(frames).tolist()} {outside}".encode()).hexdigest()[:12]
+    mark = hashlib.sha256(f"{region} {chosen.tolist()} {outside}".encode()).hexdigest()[:12]
 
     def apply(p: dict[str, Array], rays: Rays) -> Rays:
         inside = region.in_sector(rays.azimuth_rad) & chosen[rays.frame]

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
-from jaxsim.engines.engine import Answer, Engine, Estimate, Setting, any_loss, degrees, root_of_squares, together
+from jaxsim.engines.engine import Answer, Engine, Estimate, Setting, any_loss, combined, degrees, root_of_squares
 
 _SURFACE = (
     "its intensity is exp(-rate · distance) whatever the surface; apply it behind the sensor, to "
@@ -75,7 +75,7 @@ def losses(answer: Answer, now: Mapping[str, float], *, rate: float) -> list[Set
     losses by intensity, whichever comes nearer over REACH_M (least squares).
     """
     of_classes = mean_by_certainty(answer.each("material_dropout", "probability"))
-    even = together(
+    even = combined(
         answer.one("random_dropout", "probability"), of_classes, answer.levels.get("random_loss"), how=any_loss
     )
     reach, why_reach = answer.one("range_gate", "maximum_m"), "range_gate: nothing returns from beyond"
@@ -83,7 +83,7 @@ def losses(answer: Answer, now: Mapping[str, float], *, rate: float) -> list[Set
     if faint.reach is not None and (reach is None or faint.reach.value < reach.value):
         reach, why_reach = faint.reach, faint.why
     if faint.general is not None:
-        even = together(even, faint.general, how=any_loss)
+        even = combined(even, faint.general, how=any_loss)
     found = [Setting(name, value, "", faint.why) for name, value in faint.drop_off.items()]
     if even is not None:
         value = even.mapped(lambda p: any_loss((now["dropoff_general_rate"], p)))

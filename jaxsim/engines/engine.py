@@ -48,7 +48,7 @@ class Answer:
     @property
     def range_noise(self) -> Estimate | None:
         """Noise of the range as one number for all echoes; None where none was found."""
-        return together(self.one("range_noise", "sd_m"), self.levels.get("range_noise"), how=root_of_squares)
+        return combined(self.one("range_noise", "sd_m"), self.levels.get("range_noise"), how=root_of_squares)
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def translate(answer: Answer, name: str, engine: Engine, *, now: Mapping[str, fl
     return Translation(name, tuple(settings), cannot, engine.text(settings), engine.notes)
 
 
-def together(*parts: Estimate | None, how: Callable[[Sequence[float]], float]) -> Estimate | None:
+def combined(*parts: Estimate | None, how: Callable[[Sequence[float]], float]) -> Estimate | None:
     """Several numbers as one (a root of squares, a product ...); None where none is given. Their ends go together,
     which makes the interval rather too wide than too narrow."""
     given = [part for part in parts if part is not None]

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.files import need
 from jaxsim.frame import Pair
-from jaxsim.metrics.paired import DROP_BELOW, Cells, group_means, group_medians
+from jaxsim.metrics.paired import DROP_BELOW, GroupedCells, group_means, group_medians
 
 CLASSES = 34
 PLACES = 64
@@ -57,7 +57,7 @@ def row_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
     return np.broadcast_to(np.arange(len(pair.target))[:, None], pair.target.shape)
 
 
-def table_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
+def place_in_table(pair: Pair) -> Int[np.ndarray, "rows columns"]:
     """The cell's place in the table of line, range and incidence."""
     line = np.round(np.asarray(pair.row_share) * (PLACES - 1)).astype(int)
     away = np.searchsorted(RANGES_M, np.asarray(pair.painted.range_m))
@@ -69,7 +69,7 @@ def table_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
 TABLE = PLACES * (len(RANGES_M) + 1) * (len(ANGLES_RAD) + 1)
 
 
-def everywhere(pair: Pair) -> Int[np.ndarray, "rows columns"]:
+def one_group(pair: Pair) -> Int[np.ndarray, "rows columns"]:
     """One group of all cells."""
     return np.zeros(pair.target.shape, int)
 
@@ -85,7 +85,7 @@ def fit_baselines(train: Sequence[Pair], judged: Sequence[Pair] = ()) -> dict[st
     Raises ValueError where no training cell is both seen and returned.
     """
     rows = max(len(pair.target) for pair in [*train, *judged])
-    groups: dict[str, tuple[Group, int]] = {"global mean": (everywhere, 1)}
+    groups: dict[str, tuple[Group, int]] = {"global mean": (one_group, 1)}
     # A source without labels paints 0 everywhere: one class, which is the global mean again.
     if any((pair.painted.semantic > 0).any() for pair in train):
         groups["per-class mean"] = class_of, CLASSES
@@ -93,7 +93,7 @@ def fit_baselines(train: Sequence[Pair], judged: Sequence[Pair] = ()) -> dict[st
     fitted = {
         name: _of_groups(group, *group_means(_cells(train, group), count)) for name, (group, count) in groups.items()
     }
-    medians = {"global median": (everywhere, 1), "per-row median": (row_of, rows)}
+    medians = {"global median": (one_group, 1), "per-row median": (row_of, rows)}
     of = {name: group_medians(_cells(train, group), count) for name, (group, count) in medians.items()}
     fitted |= {name: _of_groups(group, of[name].intensity, of[name].drops) for name, (group, _) in medians.items()}
     fitted["range, incidence, row"] = _of_table(train, fitted["per-row median"])
@@ -106,13 +106,13 @@ def _of_groups(group: Group, intensity: Float[np.ndarray, " n"], drops: Bool[np.
 
 
 def _of_table(train: Sequence[Pair], otherwise: Baseline) -> Baseline:
-    table = group_medians(_cells(train, table_of), TABLE)
+    table = group_medians(_cells(train, place_in_table), TABLE)
     values = table.intensity.astype(np.float32)
     # A median of few cells is noise: the line's own is the better guess.
     known = table.count >= ENOUGH
 
     def guess(pair: Pair) -> Guess:
-        cell, row = table_of(pair), otherwise(pair)
+        cell, row = place_in_table(pair), otherwise(pair)
         inside = known[cell]
         return Guess(np.where(inside, values[cell], row.intensity), np.where(inside, table.drops[cell], row.drops))
 
@@ -126,7 +126,7 @@ def previous_frame(before: Pair, filling: float) -> Guess:
     return Guess(intensity, ~measured.valid | (measured.intensity < DROP_BELOW))
 
 
-def _cells(pairs: Iterable[Pair], group: Group) -> Iterable[Cells]:
+def _cells(pairs: Iterable[Pair], group: Group) -> Iterable[GroupedCells]:
     for pair in pairs:
         yield pair.measured.intensity, pair.measured.valid, pair.painted.valid, group(pair)
 

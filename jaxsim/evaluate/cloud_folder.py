@@ -22,7 +22,7 @@ from jaxsim.data import clouds
 from jaxsim.data.clouds import SUFFIXES, read_cloud
 from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels
 from jaxsim.detect.results import Detected, result_lines, write_lines
-from jaxsim.detect.scenes import View, check_points, seen_by
+from jaxsim.detect.scenes import View, check_detectable, seen_by
 from jaxsim.evaluate.detector import LearnedDetector, find_all, make_find
 from jaxsim.files import claim, digest_of_values, files_in, parse_json
 from jaxsim.frame import Boxes
@@ -123,7 +123,7 @@ def detect_folder(folder: CloudFolder, learned: LearnedDetector, out: Path) -> F
     where one is broken or lacks intensity.
     """
     experiment = learned.experiment
-    files = cloud_files(folder.clouds)
+    files = clouds_in(folder.clouds)
     paths = {file.stem: out / "results" / f"{file.stem}.txt" for file in files}
     todo = {file.stem: file for file in files if not paths[file.stem].is_file()}
     views = {name: folder.view(name) for name in todo}
@@ -161,7 +161,7 @@ def write_detections(path: Path, detected: Detected, kind: str, *, view: View) -
     write_lines(path, lines)
 
 
-def cloud_files(folder: Path) -> list[Path]:
+def clouds_in(folder: Path) -> list[Path]:
     """The clouds of a folder, by name. Raises ValueError where there is none, or two of a name."""
     files = clouds.cloud_files(folder)
     if not files:
@@ -173,5 +173,5 @@ def cloud_files(folder: Path) -> list[Path]:
 def read_points(path: Path) -> Float32[np.ndarray, "n 4"]:
     """x, y, z (m) and intensity (0..1) of a file. Raises ValueError where it is broken or lacks intensity."""
     points = read_cloud(path)
-    check_points(points, path.name)
+    check_detectable(points, path.name)
     return points

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter
 from jaxsim.config import DataConfig, DetectorExperiment
 from jaxsim.detect.batches import in_range, inside
 from jaxsim.detect.published import load_published
-from jaxsim.detect.results import Detected, label_lines, result_lines, write_lines
+from jaxsim.detect.results import Detected, box_lines, result_lines, write_lines
 from jaxsim.detect.scenes import Scene, Scenes, cached_scenes
 from jaxsim.detect.steps import Network, make_detect, network_shapes
 from jaxsim.files import file_of
@@ -136,7 +136,7 @@ def kitti_curves(scenes: Sequence[Scene], detected: Sequence[Detected], experime
         labels, results = Path(folder) / "label_2", Path(folder) / "results"
         names = [f"{k:06d}" for k in range(len(scenes))]
         for name, scene, detections in zip(names, scenes, detected, strict=True):
-            write_lines(file_of(labels, name, ".txt", by="eval"), label_lines(counted(scene, experiment)))
+            write_lines(file_of(labels, name, ".txt", by="eval"), box_lines(counted(scene, experiment)))
             write_lines(file_of(results, name, ".txt", by="eval"), result_lines(detections, kind, scene.view))
         return evaluate(read_truth(labels, names), read_detections(results, names), classes=(kind,))
 

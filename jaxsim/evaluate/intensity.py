@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -35,7 +34,7 @@ from jaxsim.simulate.predict import STEP, Generate, Prediction
 Predict = Callable[[Any, Pair], Prediction]
 
 
-Sums = list[dict[str, float]]
+PairedSums = list[dict[str, float]]
 """Paired sums of each judged frame."""
 
 
@@ -44,7 +43,7 @@ def _sums(intensity: Array, drops: Array, pair: Pair) -> dict[str, float]:
     return frame_sums(intensity, drops, y=measured.intensity, returned=measured.valid, m=pair.painted.valid)
 
 
-def network_sums(predict: Predict, params: Any, pairs: Sequence[Pair]) -> Sums:
+def network_sums(predict: Predict, params: Any, pairs: Sequence[Pair]) -> PairedSums:
     """What a generator makes of each pair."""
     told = {"desc": "scoring", "unit": "frame", "leave": False}
     predictions = ((predict(params, pair), pair) for pair in Progress(pairs, **told))
@@ -92,14 +91,14 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
     return covered | {"drop_brier": Score(square / seen, "1", seen)}
 
 
-def baseline_frames(guess: Baseline, pairs: Sequence[Pair]) -> Sums:
+def baseline_frames(guess: Baseline, pairs: Sequence[Pair]) -> PairedSums:
     """What a fitted baseline makes of each pair."""
     return [_sums(*guess(pair), pair) for pair in pairs]
 
 
 def baseline_sums(
     train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
-) -> dict[str, Sums]:
+) -> dict[str, PairedSums]:
     """What each baseline makes of each judged pair; with `trees` also boosted trees (`baselines`).
 
     `previous` holds the frame before each, None where there is none: the previous frame's are of those that have one.
@@ -165,7 +164,7 @@ def _in_batches(pairs: Iterable[Pair], image: Callable[[Pair], Array]) -> Iterat
 
     for chosen in runs():
         filled = chosen + [chosen[-1]] * (BATCH - len(chosen))
-        images = np.asarray(image(jax.tree.map(lambda *leaves: jnp.stack(leaves), *filled)))
+        images = np.asarray(image(jax.tree.map(lambda *leaves: np.stack(leaves), *filled)))
         yield from images[: len(chosen)]
 
 

@@ -14,8 +14,8 @@ from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.evaluate.intensity import (
+    PairedSums,
     Predict,
-    Sums,
     baseline_sums,
     coverage,
     frechet_of_run,
@@ -114,7 +114,7 @@ def score_sensor(
     )
 
 
-def scores_by_scene(sums: Mapping[str, Sums], scenes: Sequence[str]) -> dict[str, dict[str, dict[str, Score]]]:
+def scores_by_scene(sums: Mapping[str, PairedSums], scenes: Sequence[str]) -> dict[str, dict[str, dict[str, Score]]]:
     """Scene -> predictor -> scores; a scene without a cell to score is left out."""
     by_scene: dict[str, dict[str, dict[str, Score]]] = {}
     for scene in dict.fromkeys(scenes):

@@ -16,13 +16,13 @@ raises ValueError that names the file, says what is wrong and what to do. Files'
 from jaxsim.files.arrays import array_names, digest, digest_of_values, read_arrays, write_arrays
 from jaxsim.files.claims import claim, differences
 from jaxsim.files.code import loaded, making, need
-from jaxsim.files.images import check_image, image_of, read_pixels, write_image
+from jaxsim.files.images import check_image_file, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
 from jaxsim.files.texts import (
     check_keys,
-    number,
     numbers,
     parse_json,
+    parse_number,
     parse_settings,
     placed,
     read_entry,
@@ -34,7 +34,7 @@ from jaxsim.files.whole import check_name, check_size, file_of, files_in, replac
 
 __all__ = [
     "array_names",
-    "check_image",
+    "check_image_file",
     "check_keys",
     "check_name",
     "check_size",
@@ -49,9 +49,9 @@ __all__ = [
     "lock",
     "making",
     "need",
-    "number",
     "numbers",
     "parse_json",
+    "parse_number",
     "parse_settings",
     "placed",
     "read_arrays",

@@ -29,7 +29,7 @@ def read_pixels(path: Path | str, flags: int, *, by: str) -> np.ndarray:
 
 def image_of(data: bytes, flags: int, where: str) -> np.ndarray:
     """The image of a file's bytes. Raises ValueError as `read_pixels`, beginning with `where`."""
-    check_image(data, where)
+    check_image_file(data, where)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
@@ -39,7 +39,7 @@ def image_of(data: bytes, flags: int, where: str) -> np.ndarray:
     return image
 
 
-def check_image(data: bytes, where: str) -> None:
+def check_image_file(data: bytes, where: str) -> None:
     """Raises ValueError as `read_pixels`, without unpacking anything."""
     try:
         rows, columns = _png_size(data) if data.startswith(PNG) else _jpeg_size(data)

@@ -47,7 +47,7 @@ def read_text(path: Path | str, *, by: str, most: int = MOST_TEXT) -> str:
         ) from None
 
 
-def number(word: str, kind: type[Number], *, where: str) -> Number:
+def parse_number(word: str, kind: type[Number], *, where: str) -> Number:
     """A number of a text, in digits of ASCII alone.
 
     Raises ValueError, beginning with `where`, for any other word, also for `1_0`, which Python takes for 10, and
@@ -65,8 +65,8 @@ def number(word: str, kind: type[Number], *, where: str) -> Number:
 
 
 def numbers(words: Iterable[str], *, where: str) -> list[float]:
-    """Numbers of a text. Raises ValueError as `number`."""
-    return [number(word, float, where=where) for word in words]
+    """Numbers of a text. Raises ValueError as `parse_number`."""
+    return [parse_number(word, float, where=where) for word in words]
 
 
 def real(value: Any) -> float:

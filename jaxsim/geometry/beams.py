@@ -212,7 +212,7 @@ def rings_by_elevation(xyz_m: Float[np.ndarray, "n 3"], *, lines: int | None = N
     return np.searchsorted(edges, elevation).astype(np.int32)
 
 
-def columns_of(
+def column_azimuths(
     azimuth_rad: Float[np.ndarray, " n"], row: Int[np.ndarray, " n"], *, columns: int | None = None
 ) -> Float[np.ndarray, " columns"]:
     """Azimuths of a grid's columns for a scan: as many as a ring has firings, over the turn or the part that it sees.

@@ -200,7 +200,7 @@ def lidar_boxes(boxes: Boxes, cam_from_velo: Float[Array, "4 4"]) -> Float[np.nd
     middle = np.asarray(boxes.centre_m, np.float64).reshape(-1, 3) @ velo_from_cam[:3, :3].T + velo_from_cam[:3, 3]
     middle[:, 2] += size[:, 2] / 2
     heading = -(np.asarray(boxes.yaw_rad, np.float64) + np.pi / 2)
-    return np.concatenate([middle, size, wrapped(heading)[:, None]], axis=1)
+    return np.concatenate([middle, size, wrapped_heading(heading)[:, None]], axis=1)
 
 
 def camera_boxes(
@@ -210,10 +210,10 @@ def camera_boxes(
     boxes, cam_from_velo = np.asarray(boxes, np.float64), np.asarray(cam_from_velo, np.float64)
     bottom = boxes[:, :3] - np.array([0, 0, 0.5]) * boxes[:, 3:6]
     centre = bottom @ cam_from_velo[:3, :3].T + cam_from_velo[:3, 3]
-    return centre, boxes[:, 3:6].copy(), wrapped(-boxes[:, 6] - np.pi / 2)
+    return centre, boxes[:, 3:6].copy(), wrapped_heading(-boxes[:, 6] - np.pi / 2)
 
 
-def wrapped(angle_rad: Float[np.ndarray, "*b"]) -> Float[np.ndarray, "*b"]:
+def wrapped_heading(angle_rad: Float[np.ndarray, "*b"]) -> Float[np.ndarray, "*b"]:
     """The same direction in [-pi, pi); an angle that lies there already is returned as it is."""
     turns = np.floor((angle_rad + np.pi) / (2 * np.pi))
     return np.where(turns == 0, angle_rad, angle_rad - 2 * np.pi * turns)

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array, Cloud, PolarGrid, PolarImage
 
-Tree = TypeVar("Tree")
+_Tree = TypeVar("_Tree")
 POINTS = 2**15
 """Clouds are filled up to multiples of this, so that kernels are compiled once and not for every frame."""
 _NOTHING = 2**31 - 1
@@ -191,7 +191,7 @@ def _sources(old: int, new: int) -> Int[np.ndarray, " new"]:
     return (2 * np.arange(new) + 1) * old // (2 * new)
 
 
-def resample(image: Tree, size: tuple[int, int], *, batch_dims: int | None = None) -> Tree:
+def resample(image: _Tree, size: tuple[int, int], *, batch_dims: int | None = None) -> _Tree:
     """Each new cell takes the value of the old cell that its centre falls into. Enlarging and going back gives
     the original.
 

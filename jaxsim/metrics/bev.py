@@ -65,6 +65,17 @@ def spherical_image(
     return jnp.where(filled, nearest, 0.0), filled, index
 
 
+def _directions() -> Float[np.ndarray, "64 1024 3"]:
+    """Directions of the corners of LiDARGen's cells."""
+    # This yaw grows to the right, against `velo`'s azimuth: hence the minus of y.
+    yaw = np.pi * (np.arange(SCAN_COLUMNS) / SCAN_COLUMNS * 2 - 1)
+    pitch = (1 - np.arange(SCAN_ROWS) / SCAN_ROWS) * (UP_RAD + DOWN_RAD) - DOWN_RAD
+    x = np.cos(yaw)[None] * np.cos(pitch)[:, None]
+    y = -np.sin(yaw)[None] * np.cos(pitch)[:, None]
+    z = np.broadcast_to(np.sin(pitch)[:, None], (SCAN_ROWS, SCAN_COLUMNS))
+    return np.stack([x, y, z], axis=-1).astype(np.float32)
+
+
 @jax.jit
 def lidargen_points(
     range_m: Float[Array, "*b 64 1024"], filled: Bool[Array, "*b 64 1024"]
@@ -73,24 +84,14 @@ def lidargen_points(
     # The program's own constants: its images hold log2(range + 1) / 6, so 63 m is 1.
     log = jnp.clip(jnp.log2(range_m + 0.0001 + 1.0) / 6, 0.0, 1.0)
     depth = jnp.exp2(6 * log) - 1
-    # This yaw grows to the right, against `velo`'s azimuth: hence the minus of y.
-    yaw = np.pi * (np.arange(SCAN_COLUMNS) / SCAN_COLUMNS * 2 - 1)
-    pitch = (1 - np.arange(SCAN_ROWS) / SCAN_ROWS) * (UP_RAD + DOWN_RAD) - DOWN_RAD
-    rays = np.stack(
-        [
-            np.cos(yaw)[None] * np.cos(pitch)[:, None],
-            -np.sin(yaw)[None] * np.cos(pitch)[:, None],
-            np.broadcast_to(np.sin(pitch)[:, None], (SCAN_ROWS, SCAN_COLUMNS)),
-        ],
-        axis=-1,
-    ).astype(np.float32)
-    rays = jnp.asarray(rays).reshape((1,) * (depth.ndim - 2) + rays.shape)
+    rays = jnp.asarray(_directions())
+    rays = rays.reshape((1,) * (depth.ndim - 2) + rays.shape)
     xyz = (jnp.broadcast_to(rays, (*depth.shape, 3)) * depth[..., None]).reshape(*depth.shape[:-2], -1, 3)
     return xyz, filled.reshape(*filled.shape[:-2], -1)
 
 
 @jax.jit
-def counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[Array, "*b 100 100"]:
+def cell_counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[Array, "*b 100 100"]:
     """Points in each cell (x, then y) of those between 3 and 70 m."""
     range_m = jnp.sqrt((xyz_m * xyz_m).sum(-1))
     at = jnp.floor((xyz_m[..., :2] + HALF_M) * (BINS / (2 * HALF_M)))
@@ -107,12 +108,12 @@ def counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[A
 
 @jax.jit
 def lidargen_counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[Array, "*b 100 100"]:
-    """`counts` of the cloud as LiDARGen's range image has it."""
+    """`cell_counts` of the cloud as LiDARGen's range image has it."""
     range_m, filled, _ = spherical_image(xyz_m, valid)
-    return counts(*lidargen_points(range_m, filled))
+    return cell_counts(*lidargen_points(range_m, filled))
 
 
-COUNTS = {"lidargen": lidargen_counts, "r2dm": counts}
+COUNTS = {"lidargen": lidargen_counts, "r2dm": cell_counts}
 """Definition -> clouds to histograms."""
 
 

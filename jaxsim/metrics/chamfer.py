@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-Points = Float[np.ndarray, "_n d"]
+_Points = Float[np.ndarray, "_n d"]
 LIDAR_ALPHA_PER_M2 = 1.0
 """Density-aware Chamfer's sharpness for clouds in metres: matches farther than about 1 m count as none. The
 published 1000 is for objects of size 1."""
@@ -28,7 +28,7 @@ class Chamfer(NamedTuple):
     """0 (alike) to 1; see `chamfer`."""
 
 
-def chamfer(a: Points, b: Points) -> Chamfer:
+def chamfer(a: _Points, b: _Points) -> Chamfer:
     """Chamfer distance and its density-aware form (Wu et al. 2021, eq. 6).
 
     There, a point x whose nearest is y counts 1 - exp(-alpha |x - y|^2) s / n(y), with n(y) the points that share y

@@ -53,7 +53,7 @@ def intensity_table(
     return jnp.zeros(shape, jnp.int32).at[cell].add(1, mode="drop")
 
 
-class Conditional(NamedTuple):
+class ConditionalDistance(NamedTuple):
     """A distance between laws of intensity."""
 
     distance: float
@@ -66,11 +66,11 @@ class Conditional(NamedTuple):
     """Measured rays that were compared."""
 
 
-def _compared(a: Float[np.ndarray, "k steps"], b: Float[np.ndarray, "k steps"]) -> Conditional:
+def _compared(a: Float[np.ndarray, "k steps"], b: Float[np.ndarray, "k steps"]) -> ConditionalDistance:
     n, m = a.sum(1), b.sum(1)
     enough = (n >= FEWEST) & (m >= FEWEST)
     if not enough.any():
-        return Conditional(float("nan"), float("nan"), 0.0, 0)
+        return ConditionalDistance(float("nan"), float("nan"), 0.0, 0)
     weight = m[enough] / m[enough].sum()
     # On a line the Wasserstein-1 distance is the area between both distribution functions.
     first = np.cumsum(a[enough], 1) / a[enough].sum(1, keepdims=True)
@@ -82,14 +82,14 @@ def _compared(a: Float[np.ndarray, "k steps"], b: Float[np.ndarray, "k steps"]) 
     # Mean absolute value of a Gaussian difference of two empirical distribution functions.
     spread = np.sqrt(both * (1 - both) * (1 / n[enough] + 1 / m[enough])[:, None])
     floor = np.sqrt(2 / np.pi) * spread.sum(1) * step
-    return Conditional(
+    return ConditionalDistance(
         float(weight @ distance), float(weight @ floor), float(m[enough].sum() / m.sum()), int(m[enough].sum())
     )
 
 
 def conditional_intensity(
     simulated: Int[np.ndarray, "34 8 9 101"], measured: Int[np.ndarray, "34 8 9 101"], *, classes: bool = True
-) -> dict[str, Conditional]:
+) -> dict[str, ConditionalDistance]:
     """Distances between two tables: `intensity` over all rays alike, then given class, range, incidence, all.
 
     `classes` False where the frames have none: then `all` is range and incidence. Raises ValueError where a side has

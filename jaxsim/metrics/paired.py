@@ -140,7 +140,7 @@ class GroupMeans(NamedTuple):
     """Most of the group's cells drop."""
 
 
-Cells = tuple[
+GroupedCells = tuple[
     Float[np.ndarray, "rows columns"],
     Bool[np.ndarray, "rows columns"],
     Bool[np.ndarray, "rows columns"],
@@ -148,7 +148,7 @@ Cells = tuple[
 ]
 
 
-def group_means(frames: Iterable[Cells], groups: int) -> GroupMeans:
+def group_means(frames: Iterable[GroupedCells], groups: int) -> GroupMeans:
     """Averages of the training frames: (intensity 0..1, returned, cells that count, group 0..groups-1) each.
 
     A group never seen in training takes the mean of all cells. Raises ValueError where no cell counts.
@@ -181,7 +181,7 @@ class GroupMedians(NamedTuple):
     """Returns of the group."""
 
 
-def group_medians(frames: Iterable[Cells], groups: int) -> GroupMedians:
+def group_medians(frames: Iterable[GroupedCells], groups: int) -> GroupMedians:
     """As `group_means`, by the median, which the absolute error asks for; a group never seen takes that of all."""
     values, places = [], []
     drops, seen = np.zeros(groups), np.zeros(groups)

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.frame import Array
 from jaxsim.metrics.bev import SCAN_COLUMNS, SCAN_ROWS, spherical_image
-from jaxsim.weights import Arrays, Converter, fit, load_weights
+from jaxsim.weights import Arrays, Converter, checked_arrays, load_weights
 
 BLOCKS = (1, 2, 8, 8, 4)
 """Residual blocks of each of the five encoder stages."""
@@ -76,7 +76,7 @@ CONVERTER = Converter(
     "RangeNet++ with Darknet-53 at 64 x 1024",
     "http://www.ipb.uni-bonn.de/html/projects/bonnetal/lidar/semantic/models/darknet53-1024.tar.gz and unpack it: FILE "
     "is its folder",
-    lambda arrays: fit(arrays, published_shapes()),
+    lambda arrays: checked_arrays(arrays, published_shapes()),
     files=FILES,
 )
 """What `jaxsim convert rangenet53` makes of the published folder."""
@@ -85,7 +85,7 @@ Values = dict[str, tuple[Array, Array]]
 """Kernel (rows, columns, in, out) and bias of every convolution, batch norm folded in."""
 
 
-def folded(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS) -> Values:
+def fold_batch_norm(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS) -> Values:
     """Values of the network from the published arrays."""
     values: Values = {}
     for name, (_, norm) in layers(width, blocks).items():
@@ -183,5 +183,5 @@ def range_features(
 def load_rangenet(path: Path) -> Values:
     """Values from a converted file. Raises FileNotFoundError or ValueError, which say what to fetch and convert."""
     weights = load_weights(path, "rangenet53", CONVERTER)
-    values: Any = jax.tree.map(jnp.asarray, folded(weights.arrays))
+    values: Any = jax.tree.map(jnp.asarray, fold_batch_norm(weights.arrays))
     return values

@@ -47,7 +47,7 @@ def _doubled(images: Float[Array, "b h w c"]) -> Float[Array, "b _h _w c"]:
     return 4 * _blurred(images)
 
 
-def levels_of(rows: int, columns: int) -> int:
+def pyramid_levels(rows: int, columns: int) -> int:
     """Levels of the pyramid: halved while the shorter side keeps 16 cells."""
     return int(np.log2(max(min(rows, columns) // 16, 1)) + 1)
 
@@ -109,7 +109,7 @@ def sliced_wasserstein(a: Images, b: Images) -> dict[str, float]:
     n, rows, columns, _ = a.shape
     if min(rows, columns) < 16:
         raise ValueError(f"swd: images have {rows} x {columns} cells; it needs 16 or more on each side")
-    levels, key = levels_of(rows, columns), jax.random.key(0)
+    levels, key = pyramid_levels(rows, columns), jax.random.key(0)
     # Halving and doubling must give the same size: what is left over at the lower right is cut.
     multiple = 2 ** (levels - 1)
     height, width = rows // multiple * multiple, columns // multiple * multiple

@@ -33,15 +33,15 @@ NAMES = (*ARRAYS, "name", "scene", "position")
 """Names of the arrays of a kept pair."""
 
 
-def fingerprint(data: DataConfig, prepare: PrepareConfig) -> str:
+def pairs_fingerprint(data: DataConfig, prepare: PrepareConfig) -> str:
     """Kind of data set, and a hash of all that pairs of these settings depend on: settings and code."""
     settings = json.dumps(pair_settings(data, prepare), sort_keys=True)
     return f"{data.kind}-{making(settings, 'data', 'geometry', 'prepare', 'frame.py')}"
 
 
-def cache_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
+def pairs_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
     """The folder where pairs of these settings are kept."""
-    return data.cache / fingerprint(data, prepare)
+    return data.cache / pairs_fingerprint(data, prepare)
 
 
 def make_record(
@@ -73,9 +73,9 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, *, prepar
     """
     if data.kind == "prepared":
         return dataset.pairs(positions, prepare)
-    folder = cache_folder(data, prepare)
+    folder = pairs_folder(data, prepare)
     # Pairs for which labels were asked are those without, too.
-    labelled = cache_folder(data, replace(prepare, inputs=("semantic",)))
+    labelled = pairs_folder(data, replace(prepare, inputs=("semantic",)))
     if all((labelled / f"{i:06d}.npz").is_file() for i in positions):
         folder = labelled
     if jax.process_count() > 1:

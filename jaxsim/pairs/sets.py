@@ -14,10 +14,10 @@ from typing import Any
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.records import pair_settings
-from jaxsim.data.tfds_builder import MAKING, NAME, VERSION, About, JaxsimPairs, Shard, SplitPairs, cut
+from jaxsim.data.tfds_builder import MAKING, NAME, VERSION, About, JaxsimPairs, Shard, SplitPairs, shards_of
 from jaxsim.files import claim, parse_json, parse_settings, tidy, working_in
-from jaxsim.pairs.prepared import fingerprint
-from jaxsim.pairs.shards import Job, make_all, make_by_beam, make_on_cluster, read_note, write_shard
+from jaxsim.pairs.prepared import pairs_fingerprint
+from jaxsim.pairs.shards import PairJob, make_all, make_by_beam, make_on_cluster, read_note, write_shard
 from jaxsim.prepare import check_networks
 from jaxsim.progress import Progress
 
@@ -58,7 +58,7 @@ def make_set(
             _tidy(folder)
         else:
             first = dataset[next(iter(splits.values()))[0]]
-            job = Job(data, prepare, dataset.spec, scan=first.cloud is not None)
+            job = PairJob(data, prepare, dataset.spec, scan=first.cloud is not None)
             _make(folder, dataset, job, splits=splits, size=size, workers=workers, beam=beam, cluster=cluster)
     return folder
 
@@ -66,7 +66,7 @@ def make_set(
 def _make(
     folder: Path,
     dataset: Dataset,
-    job: Job,
+    job: PairJob,
     *,
     splits: dict[str, list[int]],
     size: int,
@@ -81,7 +81,7 @@ def _make(
     _claim_plan(making, job, splits, size=size)
 
     # Files: those that an earlier command made stay as they are.
-    shards = cut(splits, size)
+    shards = shards_of(splits, size)
     missing = [shard for shard in shards if read_note(shard, making) is None]
     positions = [position for shard in missing for position in shard.positions]
     total = sum(map(len, splits.values()))
@@ -121,11 +121,11 @@ def _splits(dataset: Dataset, kind: str, *, train: str, evaluation: str) -> dict
     return {name: chosen for name, chosen in (("train", trained), ("eval", judged)) if chosen}
 
 
-def _claim_plan(making: Path, job: Job, splits: dict[str, list[int]], *, size: int) -> None:
+def _claim_plan(making: Path, job: PairJob, splits: dict[str, list[int]], *, size: int) -> None:
     """Keeps what the files of `making` are made of. Raises ValueError where they are made of something else."""
     plan = {
         **pair_settings(job.data, job.prepare),
-        "code": fingerprint(job.data, job.prepare),
+        "code": pairs_fingerprint(job.data, job.prepare),
         "splits": splits,
         "pairs-a-file": size,
     }
@@ -154,7 +154,7 @@ def _flat(plan: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in plan.items() if name != "splits"} | plan["splits"]
 
 
-def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], *, making: Path) -> About:
+def _about(dataset: Dataset, job: PairJob, shards: Sequence[Shard], *, making: Path) -> About:
     notes = {shard: read_note(shard, making) for shard in shards}
     lost = [shard.file(making).name for shard, note in notes.items() if note is None]
     if lost:
@@ -173,7 +173,7 @@ def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], *, making: Path)
     return About(
         jaxsim=version("jaxsim-lidar"),
         settings=pair_settings(job.data, job.prepare),
-        fingerprint=fingerprint(job.data, job.prepare),
+        fingerprint=pairs_fingerprint(job.data, job.prepare),
         spec=job.spec,
         length=len(dataset),
         parts={name: tuple(positions) for name, positions in getattr(dataset, "splits", {}).items()},

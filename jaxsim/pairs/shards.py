@@ -48,7 +48,7 @@ POLL_S = 1.0
 
 
 @dataclass(frozen=True)
-class Job:
+class PairJob:
     """All that a worker has to know to make any pair of a set."""
 
     data: DataConfig
@@ -60,7 +60,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Made:
+class MadePair:
     """A pair as it goes to a file, and what the set's index says of it."""
 
     record: bytes
@@ -75,13 +75,13 @@ def _dataset(data: DataConfig) -> Dataset:
     return open_dataset(data)
 
 
-def make(job: Job, position: int) -> Made:
+def make(job: PairJob, position: int) -> MadePair:
     """The pair at one position. Raises ValueError where the frame lacks what the job asks for."""
     frame = _dataset(job.data)[position]
     record = make_record(frame, position, job.spec, prepare=job.prepare, scan=job.scan)
     rows, columns = record.pair.target.shape
     labelled = frame.camera.semantic is not None
-    return Made(serialized(example_of(record)), record.name, record.scene, (rows, columns), labelled)
+    return MadePair(serialized(example_of(record)), record.name, record.scene, (rows, columns), labelled)
 
 
 def _note_of(shard: Shard, folder: Path) -> Path:
@@ -116,7 +116,7 @@ def _is_note(about: Any, count: int) -> bool:
     return all(type(size) is int and 0 < size < MOST_CELLS for size in sizes)
 
 
-def write_shard(shard: Shard, folder: Path, made: Iterable[Made], *, bar: Progress | None = None) -> None:
+def write_shard(shard: Shard, folder: Path, made: Iterable[MadePair], *, bar: Progress | None = None) -> None:
     """Writes the file of these pairs, then its note; tells `bar` of each pair."""
     about: dict[str, list[Any]] = {"names": [], "scenes": [], "windows": [], "labelled": []}
 
@@ -133,7 +133,7 @@ def write_shard(shard: Shard, folder: Path, made: Iterable[Made], *, bar: Progre
     write_text(_note_of(shard, folder), json.dumps({"bytes": shard.file(folder).stat().st_size, **about}))
 
 
-def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]:
+def make_all(job: PairJob, positions: Sequence[int], workers: int) -> Iterator[MadePair]:
     """The pairs at these positions, in order, made by so many processes: with one, by this one.
 
     Raises ValueError where a frame lacks what the job asks for, or a worker was killed.
@@ -184,7 +184,7 @@ def _end_with_parent() -> None:
 class Shards:
     """What a worker of a cluster does: a file at a time."""
 
-    job: Job
+    job: PairJob
     folder: Path
 
     def open(self) -> Callable[[Shard], int]:
@@ -192,7 +192,7 @@ class Shards:
         return partial(_make_on_worker, folder=self.folder, job=self.job)
 
 
-def make_on_cluster(job: Job, shards: Sequence[Shard], folder: Path, *, address: str, bar: Progress) -> None:
+def make_on_cluster(job: PairJob, shards: Sequence[Shard], folder: Path, *, address: str, bar: Progress) -> None:
     """Makes these files on the cluster of Dask whose scheduler is at `address`, and shows them on `bar`.
 
     Workers need jaxsim, the data set's root and the output folder under the same paths. Where a frame cannot be
@@ -206,7 +206,7 @@ def make_on_cluster(job: Job, shards: Sequence[Shard], folder: Path, *, address:
         bar.update(done.result)
 
 
-def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Sequence[str], bar: Progress) -> None:
+def make_by_beam(job: PairJob, shards: Sequence[Shard], folder: Path, *, options: Sequence[str], bar: Progress) -> None:
     """Makes these files by Apache Beam; `options` are Beam's, such as `runner=FlinkRunner`. Shows the finished ones'
     pairs on `bar`.
 
@@ -240,7 +240,7 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
         raise ValueError(f"{reasons[-1]} (the same command goes on with the files that are made)") from error
 
 
-def _pipe(shards: Sequence[Shard], folder: Path, *, job: Job, flags: Sequence[str]) -> None:
+def _pipe(shards: Sequence[Shard], folder: Path, *, job: PairJob, flags: Sequence[str]) -> None:
     """Runs Beam's pipeline to its end."""
     import apache_beam as beam
     from apache_beam.options.pipeline_options import PipelineOptions
@@ -262,7 +262,7 @@ def _spelled_out(options: Sequence[str], files: int) -> list[str]:
     return options if given else [*options, f"dask_npartitions={max(files, 1)}"]
 
 
-def _make_on_worker(shard: Shard, folder: Path, job: Job) -> int:
+def _make_on_worker(shard: Shard, folder: Path, job: PairJob) -> int:
     jax.config.update("jax_platforms", "cpu")
     write_shard(shard, folder, (make(job, position) for position in shard.positions))
     return len(shard.positions)

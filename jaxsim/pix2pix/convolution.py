@@ -25,13 +25,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from jaxsim.frame import Array
 
 Padding = Literal["reflect", "zero"]
 _ANY_DEVICE = ContextVar("_ANY_DEVICE", default=False)
-Pair = tuple[int, int]
+_Pair = tuple[int, int]
 """Numbers of rows and columns."""
 COMPILER_OPTIONS = {"xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_INDIVIDUAL_DOT"}
 
@@ -156,7 +156,7 @@ def compiler_options() -> dict[str, str] | None:
     return COMPILER_OPTIONS
 
 
-def convolve(x: Array, kernel: Array, *, stride: int = 1, padding: Pair = (0, 0)) -> Array:
+def convolve(x: Array, kernel: Array, *, stride: int = 1, padding: _Pair = (0, 0)) -> Array:
     """Cross-correlation of (b, h, w, c) with zeros around: rows and columns of them on either side."""
     kh, kw, _, wide = kernel.shape
     b, h, w, _ = x.shape
@@ -204,21 +204,25 @@ def transposed_convolve(x: Array, kernel: Array) -> Array:
     return _interleave(phases, (h, w))
 
 
-def _interleave(phases: list[Array], size: Pair) -> Array:
+def _interleave(phases: list[Array], size: _Pair) -> Array:
     """One raster of the cells (2i, 2j), (2i, 2j + 1), (2i + 1, 2j), (2i + 1, 2j + 1) from a raster of each."""
     h, w = size
     y = jnp.stack(phases, axis=3).reshape(-1, h, w, 2, 2, phases[0].shape[-1])
     return y.transpose(0, 1, 3, 2, 4, 5).reshape(-1, 2 * h, 2 * w, y.shape[-1])
 
 
+def _mirrored(images: int, rows: int, beyond: int) -> Int[np.ndarray, " n"]:
+    """Rows of images that lie one after the other, with so many mirrored ones on either side of each."""
+    return (np.arange(images)[:, None] * rows + np.pad(np.arange(rows), beyond, mode="reflect")).reshape(-1)
+
+
 @partial(jax.custom_vjp, nondiff_argnums=(1,))
-def reflect_pad(x: Array, cells: Pair) -> Array:
+def reflect_pad(x: Array, cells: _Pair) -> Array:
     """x mirrored at its outermost cells, which are not repeated: so many rows and columns on either side."""
     rows, columns = cells
     b, h, w, c = x.shape
     if rows:
-        index = np.arange(b)[:, None] * h + np.pad(np.arange(h), rows, mode="reflect")
-        x = jnp.take(x.reshape(b * h, w, c), index.reshape(-1), axis=0, mode="clip").reshape(b, -1, w, c)
+        x = jnp.take(x.reshape(b * h, w, c), _mirrored(b, h, rows), axis=0, mode="clip").reshape(b, -1, w, c)
     if columns:
         before = [x[:, :, i : i + 1] for i in range(columns, 0, -1)]
         after = [x[:, :, i : i + 1] for i in range(w - 2, w - 2 - columns, -1)]
@@ -226,11 +230,11 @@ def reflect_pad(x: Array, cells: Pair) -> Array:
     return x
 
 
-def _reflect_forward(x: Array, cells: Pair) -> tuple[Array, None]:
+def _reflect_forward(x: Array, cells: _Pair) -> tuple[Array, None]:
     return reflect_pad(x, cells), None
 
 
-def _reflect_backward(cells: Pair, _: None, gradient: Array) -> tuple[Array]:
+def _reflect_backward(cells: _Pair, _: None, gradient: Array) -> tuple[Array]:
     for axis, pad in zip((1, 2), cells, strict=True):
         n = gradient.shape[axis] - 2 * pad
         part = partial(lax.slice_in_dim, gradient, axis=axis)
@@ -256,22 +260,22 @@ def _reflect_backward(cells: Pair, _: None, gradient: Array) -> tuple[Array]:
 reflect_pad.defvjp(_reflect_forward, _reflect_backward)
 
 
-def _convolve(x: Array, kernel: Array, *, around: tuple[Pair, Pair], stride: int = 1) -> Array:
+def _convolve(x: Array, kernel: Array, *, around: tuple[_Pair, _Pair], stride: int = 1) -> Array:
     return lax.conv_general_dilated(x, kernel, (stride, stride), around, dimension_numbers=("NHWC", "HWIO", "NHWC"))
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
-def _convolve_strided(form: tuple[int, Pair], x: Array, kernel: Array) -> Array:
+def _convolve_strided(form: tuple[int, _Pair], x: Array, kernel: Array) -> Array:
     """`form` is the stride and the padding."""
     stride, padding = form
     return _convolve(x, kernel, around=_both_sides(padding), stride=stride)
 
 
-def _strided_forward(form: tuple[int, Pair], x: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
+def _strided_forward(form: tuple[int, _Pair], x: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
     return _convolve_strided(form, x, kernel), (x, kernel)
 
 
-def _strided_backward(form: tuple[int, Pair], saved: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
+def _strided_backward(form: tuple[int, _Pair], saved: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
     stride, padding = form
     x, kernel = saved
     kh, kw, _, _ = kernel.shape
@@ -295,14 +299,14 @@ def _strided_backward(form: tuple[int, Pair], saved: tuple[Array, Array], gradie
 _convolve_strided.defvjp(_strided_forward, _strided_backward)
 
 
-def _patch_product(x: Array, kernel: Array, size: Pair, *, stride: int) -> Array:
+def _patch_product(x: Array, kernel: Array, size: _Pair, *, stride: int) -> Array:
     """Convolution of the cells that are there, as one matrix product."""
     kh, kw, _, wide = kernel.shape
     patches = jnp.concatenate(_taps(x, (kh, kw), size, stride=stride), axis=-1)
     return (patches.reshape(-1, patches.shape[-1]) @ kernel.reshape(-1, wide)).reshape(-1, *size, wide)
 
 
-def _taps(x: Array, kernel: Pair, size: Pair, *, stride: int) -> list[Array]:
+def _taps(x: Array, kernel: _Pair, size: _Pair, *, stride: int) -> list[Array]:
     """The cells that each kernel element meets, in the kernel's order."""
     b, _, _, c = x.shape
     down, right = (size[0] - 1) * stride + 1, (size[1] - 1) * stride + 1
@@ -313,9 +317,9 @@ def _taps(x: Array, kernel: Pair, size: Pair, *, stride: int) -> list[Array]:
     ]
 
 
-def _zero_pad(x: Array, padding: Pair) -> Array:
+def _zero_pad(x: Array, padding: _Pair) -> Array:
     return jnp.pad(x, ((0, 0), *_both_sides(padding), (0, 0)))
 
 
-def _both_sides(padding: Pair) -> tuple[Pair, Pair]:
+def _both_sides(padding: _Pair) -> tuple[_Pair, _Pair]:
     return (padding[0], padding[0]), (padding[1], padding[1])

@@ -12,12 +12,10 @@ from typing import Any, Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 from flax import nnx
-from jaxtyping import Float
+from jaxtyping import Float, PyTree
 
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import Padding, conv2d, on_cpu, transposed_conv2d, upsample_conv2d
-
-Tree = Any
 
 UNIT_EPS = 1e-12
 INSTANCE_EPS = 1e-5
@@ -34,7 +32,7 @@ def statistics_type(x: Array) -> Any:
     return x.dtype if x.dtype.itemsize >= 4 else jnp.dtype("float32")
 
 
-def unit(x: Float[Array, " n"]) -> Float[Array, " n"]:
+def unit_length(x: Float[Array, " n"]) -> Float[Array, " n"]:
     """x at length 1."""
     return x / jnp.maximum(jnp.sqrt(jnp.sum(x * x)), UNIT_EPS)
 
@@ -53,14 +51,14 @@ def spectral_norm(
     """
     matrix = kernel.reshape(-1, kernel.shape[-1])
     if advance:
-        right = unit(jax.lax.stop_gradient(matrix) @ left)
+        right = unit_length(jax.lax.stop_gradient(matrix) @ left)
     image = right @ matrix  # the last Wᵀ right serves the iteration and the value
     if advance:
-        left = unit(jax.lax.stop_gradient(image))
+        left = unit_length(jax.lax.stop_gradient(image))
     return left @ image, left, right
 
 
-def fold_spectral_norm(parameters: Tree, vectors: Tree) -> Tree:
+def fold_spectral_norm(parameters: PyTree, vectors: PyTree) -> PyTree:
     """Parameters of the same network without spectral norm: every kernel divided by its value."""
     if "left" in vectors:
         sigma, _, _ = spectral_norm(parameters["kernel"], vectors["left"], vectors["right"])
@@ -183,8 +181,8 @@ class Conv(nnx.Module):
             self.bias[...] = jax.random.uniform(rngs.params(), (out_channels,), minval=-largest, maxval=largest)
         if form.spectral:
             # Power iteration goes on from pass to pass; where it begins matters for the first few alone.
-            self.left = SpectralVector(unit(jax.random.normal(rngs.params(), (out_channels,))))
-            self.right = SpectralVector(unit(jax.random.normal(rngs.params(), (size * size * in_channels,))))
+            self.left = SpectralVector(unit_length(jax.random.normal(rngs.params(), (out_channels,))))
+            self.right = SpectralVector(unit_length(jax.random.normal(rngs.params(), (size * size * in_channels,))))
 
     def __call__(
         self, *parts: Float[Array, "b h w _"], train: bool

@@ -13,14 +13,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from jaxsim.config import QUANTILES, Form
+from jaxsim.config import QUANTILES, Pix2PixForm
 from jaxsim.files import placed
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
 from jaxsim.pix2pix.layers import statistics_type
-from jaxsim.weights import Converter, fit, read_state_dict
+from jaxsim.weights import Converter, checked_arrays, read_state_dict
 
-Weights = dict[str, Array]
+LossWeights = dict[str, Array]
 Judgement = Sequence[tuple[Array, Sequence[Array]]]
 """What the discriminator says: (logits, features) of each scale."""
 
@@ -60,14 +60,14 @@ def mean_difference(x: Float[Array, "*shape"], held: Float[Array, "*shape"]) -> 
     return jnp.abs(x - jax.lax.stop_gradient(held)).mean(dtype=statistics_type(x))
 
 
-def discriminator_loss(fake: Judgement, real: Judgement, form: Form) -> Float[Array, ""]:
+def discriminator_loss(fake: Judgement, real: Judgement, form: Pix2PixForm) -> Float[Array, ""]:
     """What the discriminator learns from, in a published program's form."""
     if form == "original":
         return 0.5 * (least_squares(real, "real") + least_squares(fake, "fake"))
     return hinge(real, "real") + hinge(fake, "fake")
 
 
-def generator_terms(fake: Judgement, real: Judgement, form: Form) -> dict[str, Float[Array, ""]]:
+def generator_terms(fake: Judgement, real: Judgement, form: Pix2PixForm) -> dict[str, Float[Array, ""]]:
     """The generator's terms that the discriminator gives, unweighted: `gan` and `feature_matching`."""
     if form == "original":
         # 4 / (n_layers + 1) there, whose features are the n_layers + 1 layers before the logits.
@@ -151,7 +151,7 @@ def _shapes() -> dict[str, tuple[int, ...]]:
 VGG19 = Converter(
     "VGG-19 of torchvision",
     "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth",
-    lambda arrays: fit(arrays, _shapes()),
+    lambda arrays: checked_arrays(arrays, _shapes()),
     digest="dcbb9e9d",
 )
 """What `jaxsim convert vgg19` makes of the published weights."""
@@ -161,7 +161,7 @@ HOW_TO_GET = (
 )
 
 
-def load_vgg(path: Path | None) -> Weights:
+def load_vgg(path: Path | None) -> LossWeights:
     """Weights from a .npz of torchvision's names (`features.0.weight`, out x in x 3 x 3), as kernels.
 
     Raises FileNotFoundError where there is no file, ValueError where an array is missing or misshapen.
@@ -175,7 +175,7 @@ def load_vgg(path: Path | None) -> Weights:
 
 
 def vgg_features(
-    weights: Weights, image: Float[Array, "b h w k"], *, imagenet: bool = True
+    weights: LossWeights, image: Float[Array, "b h w k"], *, imagenet: bool = True
 ) -> list[Float[Array, "b _h _w _c"]]:
     """relu_1_1, 2_1, 3_1, 4_1, 5_1 of an image in [-1, 1] of 3 channels, or of 1 repeated.
 
@@ -203,7 +203,7 @@ def vgg_features(
 
 
 def perceptual(
-    weights: Weights,
+    weights: LossWeights,
     image: Float[Array, "b h w k"],
     target: Float[Array, "b h w k"],
     *,

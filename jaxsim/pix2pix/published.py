@@ -7,18 +7,17 @@ the right singular vectors run over (in, kh, kw).
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
-from jaxsim.config import Form
+from jaxsim.config import Pix2PixForm
 from jaxsim.pix2pix.steps import Network
+from jaxsim.weights import Arrays
 
-Tree = Any
 Keys = tuple[Any, ...]
-Arrays = Mapping[str, np.ndarray]
 
 UNUSED = re.compile(r"\.(running_mean|running_var|num_batches_tracked)$")
 """Statistics that old versions of PyTorch saved for instance norms, which take each image's own."""
@@ -46,7 +45,7 @@ class Place(NamedTuple):
     """The kernel is a transposed convolution's."""
 
 
-def to_published(network: Network, form: Form = "imaginaire") -> dict[str, np.ndarray]:
+def to_published(network: Network, form: Pix2PixForm = "imaginaire") -> dict[str, np.ndarray]:
     """Published name -> array, of a generator's or a discriminator's values.
 
     A network without singular vectors (the averaged generator) gives plain `weight` names.
@@ -59,7 +58,7 @@ def to_published(network: Network, form: Form = "imaginaire") -> dict[str, np.nd
     }
 
 
-def from_published(arrays: Arrays, like: Network, form: Form = "imaginaire") -> Network:
+def from_published(arrays: Arrays, like: Network, form: Pix2PixForm = "imaginaire") -> Network:
     """Our values from published ones; `like` gives the structure and may be abstract (`jax.eval_shape`).
 
     Raises ValueError naming the arrays that are missing, have another shape, or have no place in the network; but
@@ -118,7 +117,7 @@ def _keys(path: Any) -> Keys:
     return tuple(step.key for step in path)
 
 
-def _places(network: Network, form: Form) -> dict[Keys, Place]:
+def _places(network: Network, form: Pix2PixForm) -> dict[Keys, Place]:
     """The published place of every leaf by its path."""
     spectral = {_keys(path)[:-1] for path, _ in jax.tree.leaves_with_path(network.vectors)}
     kernels = {
@@ -138,7 +137,7 @@ def _places(network: Network, form: Form) -> dict[Keys, Place]:
     return places
 
 
-def _layer_name(keys: Keys, parameters: Tree, form: Form) -> str:
+def _layer_name(keys: Keys, parameters: PyTree, form: Pix2PixForm) -> str:
     """The published name of the layer that has this path in our network."""
     original = form == "original"
     if keys[0] == "scales":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,14 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from flax import nnx
 
-from jaxsim.config import DiscriminatorConfig, Experiment, Form, GeneratorConfig
+from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, Pix2PixForm
 from jaxsim.pix2pix.layers import fold_spectral_norm
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import from_published
 from jaxsim.pix2pix.steps import Network, TrainState, split
-from jaxsim.weights import Converter, kind_of, load_weights
-
-Arrays = Mapping[str, np.ndarray]
+from jaxsim.weights import Arrays, Converter, load_weights, weights_kind
 
 GENERATOR = "generator."
 AVERAGED = "averaged."
@@ -46,7 +44,7 @@ def part(arrays: Arrays, prefix: str) -> dict[str, np.ndarray]:
     return {name[len(prefix) :]: array for name, array in arrays.items() if name.startswith(prefix)}
 
 
-def generator_sizes(arrays: Arrays, form: Form) -> tuple[GeneratorConfig, int]:
+def generator_sizes(arrays: Arrays, form: Pix2PixForm) -> tuple[GeneratorConfig, int]:
     """Settings and input channels of the generator that a state dict is of.
 
     Raises ValueError where its names are not those of a pix2pixHD generator in this form.
@@ -81,7 +79,7 @@ def generator_sizes(arrays: Arrays, form: Form) -> tuple[GeneratorConfig, int]:
     return config, stem[1]
 
 
-def discriminator_sizes(arrays: Arrays, form: Form) -> tuple[DiscriminatorConfig, int]:
+def discriminator_sizes(arrays: Arrays, form: Pix2PixForm) -> tuple[DiscriminatorConfig, int]:
     """Settings and channels (inputs and image) of the discriminator that a state dict is of. Raises as above."""
     pattern = {
         "imaginaire": r"model\.discriminators\.(\d+)\.layer(\d+)\.0\.layers\.conv\.weight(?:_orig)?",
@@ -110,14 +108,16 @@ def discriminator_sizes(arrays: Arrays, form: Form) -> tuple[DiscriminatorConfig
     return config, kernels[0, 0][1]
 
 
-def published_generator(arrays: Arrays, form: Form, *, averaged: bool = False) -> tuple[GeneratorConfig, int, Network]:
+def published_generator(
+    arrays: Arrays, form: Pix2PixForm, *, averaged: bool = False
+) -> tuple[GeneratorConfig, int, Network]:
     """Settings, input channels and values of a published generator. `averaged` has spectral norm folded in."""
     config, channels = generator_sizes(arrays, form)
     make = lambda: split(Generator(config, channels, nnx.Rngs(0), spectral=not averaged))[1]  # noqa: E731
     return config, channels, from_published(arrays, jax.eval_shape(make), form)
 
 
-def published_discriminator(arrays: Arrays, form: Form) -> tuple[DiscriminatorConfig, int, Network]:
+def published_discriminator(arrays: Arrays, form: Pix2PixForm) -> tuple[DiscriminatorConfig, int, Network]:
     """Settings, channels and values of a published discriminator."""
     config, channels = discriminator_sizes(arrays, form)
     like = jax.eval_shape(lambda: split(Discriminator(config, channels, nnx.Rngs(0)))[1])
@@ -143,7 +143,7 @@ def _imaginaire(arrays: Arrays) -> dict[str, np.ndarray]:
     return renamed
 
 
-def _original(arrays: Arrays, prefix: str, check: Callable[[Arrays, Form], Any]) -> dict[str, np.ndarray]:
+def _original(arrays: Arrays, prefix: str, check: Callable[[Arrays, Pix2PixForm], Any]) -> dict[str, np.ndarray]:
     """One network's state dict of NVIDIA/pix2pixHD; old versions of PyTorch ran it inside a `module`."""
     inner = arrays if any(name.startswith(prefix) for name in arrays) else None
     plain = part(arrays, prefix) if inner else {name.removeprefix("module."): a for name, a in arrays.items()}
@@ -178,10 +178,10 @@ def start_from(state: TrainState, files: Sequence[Path], experiment: Experiment)
     Raises FileNotFoundError, and ValueError where a file holds other weights, another form or other sizes.
     """
     for path in files:
-        kind = kind_of(path) if path.is_file() else next(iter(CONVERTERS))
+        kind = weights_kind(path) if path.is_file() else next(iter(CONVERTERS))
         if kind not in CONVERTERS:
             raise ValueError(f"start: {path} holds no pix2pixHD weights but {kind}; kinds: {', '.join(CONVERTERS)}")
-        form: Form = "imaginaire" if kind == "pix2pixhd_imaginaire" else "original"
+        form: Pix2PixForm = "imaginaire" if kind == "pix2pixhd_imaginaire" else "original"
         arrays = load_weights(path, kind, CONVERTERS[kind]).arrays
         for prefix, config in ((GENERATOR, experiment.generator), (DISCRIMINATOR, experiment.discriminator)):
             if part(arrays, prefix) and config.form != form:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import optax
 from flax import nnx, struct
 from jax.sharding import Mesh
-from jaxtyping import Float
+from jaxtyping import Float, PyTree
 
 from jaxsim.config import QUANTILES, Experiment, GeneratorConfig, OptimConfig
 from jaxsim.devices import CUT, DATA, WHOLE, everywhere
@@ -24,7 +24,7 @@ from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import compiler_options, on_cpu
 from jaxsim.pix2pix.layers import SpectralVector, fold_spectral_norm
 from jaxsim.pix2pix.losses import (
-    Weights,
+    LossWeights,
     discriminator_loss,
     drop_loss,
     generator_terms,
@@ -35,19 +35,17 @@ from jaxsim.pix2pix.losses import (
 )
 from jaxsim.pix2pix.networks import Discriminator, Precision, make_generator
 
-Tree = Any
-Batch = dict[str, Array]
+PairBatch = dict[str, Array]
 """inputs (b, h, w, c); target (b, h, w, k) in [-1, 1]; weight (b, h, w) >= 0, of the reconstruction term; and of
 `unet` dropped and returned (b, h, w): cells that drop, and those whose beam came back."""
-Metrics = dict[str, Array]
 
 
 @struct.dataclass
 class Network:
     """A network's values: nested dicts by attribute name, as the modules nest."""
 
-    parameters: Tree
-    vectors: Tree
+    parameters: PyTree
+    vectors: PyTree
     """Spectral norm's singular vectors; every forward pass in training mode advances them."""
 
 
@@ -58,11 +56,11 @@ class TrainState:
     step: Array
     """int32: updates done."""
     generator: Network
-    generator_optim: Tree
-    discriminator: Tree
+    generator_optim: PyTree
+    discriminator: PyTree
     """A Network; None where no loss term uses it."""
-    discriminator_optim: Tree
-    ema: Tree
+    discriminator_optim: PyTree
+    ema: PyTree
     """Averaged generator parameters with spectral norm folded in."""
 
 
@@ -150,8 +148,8 @@ def _create(experiment: Experiment, in_channels: int, key: Array) -> TrainState:
 
 
 def make_train_step(
-    experiment: Experiment, in_channels: int, *, vgg: Weights | None = None, mesh: Mesh | None = None
-) -> Callable[[TrainState, Batch], tuple[TrainState, Metrics]]:
+    experiment: Experiment, in_channels: int, *, vgg: LossWeights | None = None, mesh: Mesh | None = None
+) -> Callable[[TrainState, PairBatch], tuple[TrainState, dict[str, Array]]]:
     """Jitted (state, batch) -> (state, metrics); the given state is donated.
 
     Metrics are scalars: `loss/...` of each term in use, unweighted, `loss/generator` and `loss/discriminator`
@@ -179,7 +177,7 @@ def make_train_step(
     discriminator_graph = discriminator_definition(experiment, in_channels) if adversary else None
     adam = optimiser(experiment.optim)
 
-    def mean(tree: Tree) -> Tree:
+    def mean(tree: PyTree) -> PyTree:
         """Takes the mean over the devices that share the batch; their parts are of one size."""
         return tree if mesh is None else jax.lax.pmean(tree, DATA)
 
@@ -191,7 +189,7 @@ def make_train_step(
         module = join(discriminator_graph, network)
         return module(inputs, image, train=True), split(module)[1]
 
-    def of_generator(network: Network, discriminator: Network | None, batch: Batch, *, vgg: Weights | None):
+    def of_generator(network: Network, discriminator: Network | None, batch: PairBatch, *, vgg: LossWeights | None):
         """The generator's loss; and its terms, the image and both networks after their passes."""
         inputs, target = batch["inputs"], batch["target"]
         image, network = generate(network, inputs)
@@ -217,10 +215,10 @@ def make_train_step(
         return total, (terms, image, network.vectors, discriminator)
 
     def train_discriminator(
-        discriminator: Network, optim: Tree, batch: Batch, *, fake: Array
-    ) -> tuple[Network, Tree, Metrics]:
+        discriminator: Network, optim: PyTree, batch: PairBatch, *, fake: Array
+    ) -> tuple[Network, PyTree, dict[str, Array]]:
         # The image is a constant here: the gradient is taken in the discriminator's own parameters alone.
-        def of_discriminator(parameters: Tree):
+        def of_discriminator(parameters: PyTree):
             on_fake, network = discriminate(Network(parameters, discriminator.vectors), batch["inputs"], fake)
             on_real, network = discriminate(network, batch["inputs"], batch["target"])
             return weights.gan * discriminator_loss(on_fake, on_real, weights.form), network.vectors
@@ -232,8 +230,8 @@ def make_train_step(
         discriminator = Network(optax.apply_updates(discriminator.parameters, updates), vectors)
         return discriminator, optim, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
 
-    def train_step(state: TrainState, batch: Batch, vgg: Weights | None) -> tuple[TrainState, Metrics]:
-        metrics: Metrics = {"lr": learning_rate(experiment.optim, state.step)}
+    def train_step(state: TrainState, batch: PairBatch, vgg: LossWeights | None) -> tuple[TrainState, dict[str, Array]]:
+        metrics: dict[str, Array] = {"lr": learning_rate(experiment.optim, state.step)}
         discriminator = state.discriminator
         discriminator_optim = state.discriminator_optim
         vectors = state.generator.vectors
@@ -289,7 +287,7 @@ def make_train_step(
     )
 
 
-def _average(experiment: Experiment, ema: Tree, generator: Network, *, step: Array) -> Tree:
+def _average(experiment: Experiment, ema: PyTree, generator: Network, *, step: Array) -> PyTree:
     """Moving average of the folded generator; up to `ema_start` updates it is a copy."""
     decay = jnp.where(step <= experiment.optim.ema_start, 0.0, experiment.optim.ema_decay)
     # Kernels change by more than their parameters, for the norm changes too: the average is of what a pass uses.
@@ -297,7 +295,7 @@ def _average(experiment: Experiment, ema: Tree, generator: Network, *, step: Arr
     return jax.tree.map(lambda old, new: decay * old + (1 - decay) * new, ema, folded)
 
 
-def make_generate(experiment: Experiment, in_channels: int) -> Callable[[Tree, Array], Array]:
+def make_generate(experiment: Experiment, in_channels: int) -> Callable[[PyTree, Array], Array]:
     """Jitted (`TrainState.ema`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]; of a U-Net QUANTILES so, as far
     from the median as `generator.widen` says, and the logit of a drop.
 
@@ -310,7 +308,7 @@ def make_generate(experiment: Experiment, in_channels: int) -> Callable[[Tree, A
     if form != "unet" and widen != 1:
         raise ValueError(f"generator.widen is {widen}; {form} gives no quantiles that could be wider: only unet does")
 
-    def generate(parameters: Tree, inputs: Float[Array, "b h w c"]) -> Float[Array, "b h w k"]:
+    def generate(parameters: PyTree, inputs: Float[Array, "b h w c"]) -> Float[Array, "b h w k"]:
         outputs = nnx.merge(definition, parameters)(inputs)
         if widen == 1:
             return outputs

@@ -16,9 +16,9 @@ from jaxsim.prepare.pairs import (
     check_view,
     crop_image,
     dense_view,
+    polar_window,
     prepare_frame,
     prepare_view,
-    window_of,
 )
 
 __all__ = [
@@ -33,9 +33,9 @@ __all__ = [
     "network_inputs",
     "paint",
     "paint_raster",
+    "polar_window",
     "prepare_frame",
     "prepare_view",
     "shrink",
     "sparse_depth",
-    "window_of",
 ]

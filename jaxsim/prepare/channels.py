@@ -30,7 +30,7 @@ AROUND = 3 + 6 * len(SIZES) + 3 * len(COLOURED) + 2 * len(LINES)
 _MIDDLE = 2.5  # ln of 12 m: squares of what lies about 0 lose no digits
 _DARKEST = 0.02
 
-Raster = Float[Array, "*b rows columns"]
+_Raster = Float[Array, "*b rows columns"]
 ROW_OCTAVES = 6
 """Waves over the sensor's height: 1, 2, 4 ... 32, the last of about two lines for a sensor of 64."""
 BEAMS = 64
@@ -51,7 +51,7 @@ CHANNELS: dict[str, int | None] = {
 """Channels of each input; None: one a class."""
 
 
-def surroundings(painted: Painted, incidence_rad: Raster) -> Float[Array, "*b rows columns channels"]:
+def surroundings(painted: Painted, incidence_rad: _Raster) -> Float[Array, "*b rows columns channels"]:
     """AROUND numbers of about -1..1 a cell; means are over the cells that the camera saw, 0 where there are none.
 
     The frame's exposure (grey, mean, spread); of each size grey beside its mean, that mean, the spread of grey, the
@@ -88,7 +88,7 @@ def surroundings(painted: Painted, incidence_rad: Raster) -> Float[Array, "*b ro
     return jnp.stack(channels, axis=-1)
 
 
-def _exposed(grey: Raster, seen: Bool[Array, "*b rows columns"]) -> tuple[Raster, tuple[Raster, Raster]]:
+def _exposed(grey: _Raster, seen: Bool[Array, "*b rows columns"]) -> tuple[_Raster, tuple[_Raster, _Raster]]:
     """Grey in units of the frame's own spread about its mean; and that mean and spread."""
     count = jnp.maximum(seen.astype(jnp.float32).sum((-2, -1), keepdims=True), 1.0)
     mean = jnp.where(seen, grey, 0.0).sum((-2, -1), keepdims=True) / count
@@ -98,11 +98,11 @@ def _exposed(grey: Raster, seen: Bool[Array, "*b rows columns"]) -> tuple[Raster
     return jnp.where(seen, (grey - mean) / spread, 0.0), (fill(2 * mean - 1), fill(4 * spread - 1))
 
 
-def _root(square: Raster) -> Raster:
+def _root(square: _Raster) -> _Raster:
     return jnp.sqrt(jnp.maximum(square, 0.0))
 
 
-def _over(value: Raster, size: int) -> Raster:
+def _over(value: _Raster, size: int) -> _Raster:
     """Sums over squares of so many cells to a side; nothing lies beyond the raster."""
     half = size // 2
     for axis in (value.ndim - 2, value.ndim - 1):
@@ -112,7 +112,7 @@ def _over(value: Raster, size: int) -> Raster:
     return value
 
 
-def _line(value: Raster, step: int) -> Raster:
+def _line(value: _Raster, step: int) -> _Raster:
     """What the line `step` below sees; beyond the window its outermost line."""
     rows = np.clip(np.arange(value.shape[-2]) + step, 0, value.shape[-2] - 1)
     return value[..., rows, :]

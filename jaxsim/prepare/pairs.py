@@ -68,7 +68,7 @@ def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[
     Raises ValueError where the frame lacks what the config asks for: labels, depth, image size.
     """
     view = dense_view(frame, config)
-    grid, rows = window_of(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
+    grid, rows = polar_window(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
     angle, known = incidence(painted.range_m, painted.valid, grid)
     # To the host: pairs are kept in files.
@@ -141,7 +141,7 @@ def _check_inputs(view: CameraFrame, config: PrepareConfig) -> None:
             )
 
 
-def window_of(
+def polar_window(
     camera: Camera, size: tuple[int, int], spec: LidarSpec, *, config: PrepareConfig
 ) -> tuple[PolarGrid, Float[np.ndarray, " rows"]]:
     """The polar window that the crop of a camera's image (`size`: rows, columns) covers, and each beam's place

@@ -25,14 +25,14 @@ from jaxsim.discover.verdict import (
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import Origin
-from jaxsim.effects.page import in_words
+from jaxsim.effects.page import parameter_in_words
 from jaxsim.frame import Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report.canvas import AFTER
 from jaxsim.report.charts import colour_limit, curve_chart
 from jaxsim.report.page import (
     NOTHING,
-    Draw,
+    DrawChart,
     bar_cell,
     below,
     code,
@@ -40,12 +40,12 @@ from jaxsim.report.page import (
     file_name,
     folded,
     formula,
+    join_parts,
     names,
     paragraph,
     section,
     shows,
     table,
-    together,
 )
 from jaxsim.report.regimes import picks_of, title
 from jaxsim.report.scenes import Channel, Side, TurnedScene, packed
@@ -81,7 +81,7 @@ def where_it_stood(told: Registered | None) -> Markup:
         drives = [[name, number(speed)] for name, speed in told.speeds.items()]
         parts.append(paragraph("Speeds that the frames' own distortion tells, where none is given:"))
         parts.append(table(["drive", "m/s"], drives, text=1))
-    return section("Where the sensor stood", together(parts))
+    return section("Where the sensor stood", join_parts(parts))
 
 
 def could_show(asked: Sequence[Sensitivity]) -> Markup:
@@ -106,7 +106,7 @@ def could_show(asked: Sequence[Sensitivity]) -> Markup:
     if seen:
         heads = ["effect", "these scenes would show it from about"]
         parts.append(folded(f"From which size the other {len(seen)} would be seen", table(heads, seen, text=2)))
-    return section("What these frames could show", together(parts))
+    return section("What these frames could show", join_parts(parts))
 
 
 def _name(one: Sensitivity) -> Markup:
@@ -125,15 +125,17 @@ def _from(one: Sensitivity) -> str:
     return ", ".join(words)
 
 
-def learned(verdict: Verdict, draw: Draw) -> Markup:
+def learned(verdict: Verdict, draw: DrawChart) -> Markup:
     """Each learned law with its band and what it gains on judge scenes, and the formula."""
     if not verdict.learned:
         return NOTHING
     parts = [_law(law, verdict, draw, mark=str(k) if k else "") for k, law in enumerate(verdict.learned)]
-    return section("What was learned and added", together(parts) + (_formula(verdict.law) if verdict.law else NOTHING))
+    return section(
+        "What was learned and added", join_parts(parts) + (_formula(verdict.law) if verdict.law else NOTHING)
+    )
 
 
-def _law(law: Learned, verdict: Verdict, draw: Draw, *, mark: str) -> Markup:
+def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Markup:
     words = (
         f"No effect of the catalogue describes this, so it enters sensor.json as it is: a {law.kind} of "
         f"{len(law.values)} heights of {law.channel} along {' and '.join(law.covariates)}. "
@@ -185,7 +187,7 @@ def own_effects(candidates: Sequence[OwnCandidate]) -> Markup:
         "of the catalogue that, fitted to its expectation on these frames at a visible size, reproduces at least "
         f"{percent(RULES.alike_share)} of it; the bar shows how much."
     )
-    return section("Effects of your own", paragraph(words) + together(map(_candidate, candidates)))
+    return section("Effects of your own", paragraph(words) + join_parts(map(_candidate, candidates)))
 
 
 def _candidate(one: OwnCandidate) -> Markup:
@@ -195,12 +197,12 @@ def _candidate(one: OwnCandidate) -> Markup:
     parts.append(names(f"From {Origin(**one.origin)}"))
     if known:
         parts.append(formula(known.formula))
-        parts += [paragraph(f"{name}: {in_words(p)}") for name, p in known.parameters.items()]
+        parts += [paragraph(f"{name}: {parameter_in_words(p)}") for name, p in known.parameters.items()]
     text = f"Not named: {one.why_not}." if one.why_not else "Named."
     gain = f"{number(one.gain)} nats per held-out scene (p {probability(one.p_value)})"
     parts.append(paragraph(f"At the first step it gains {gain}. {text}"))
     if not one.look_alikes:
-        return together([*parts, paragraph("Nothing of the catalogue looks like it on these frames.")])
+        return join_parts([*parts, paragraph("Nothing of the catalogue looks like it on these frames.")])
     rows = [
         [
             code(other.name),
@@ -211,7 +213,7 @@ def _candidate(one: OwnCandidate) -> Markup:
         for other in one.look_alikes
     ]
     heads = ["look-alike", "of its expectation reproduced, and the bar", "share", "what tells them apart"]
-    return together([*parts, table(heads, rows, text=2, last_text=True)])
+    return join_parts([*parts, table(heads, rows, text=2, last_text=True)])
 
 
 def residual_clouds(result: Result) -> tuple[Markup, Markup]:

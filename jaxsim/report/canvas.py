@@ -20,7 +20,7 @@ from markupsafe import Markup
 from jaxsim.files import write_text
 from jaxsim.report.pictures import Rgb, save_picture
 
-Points = Float[np.ndarray, "n 2"]
+_Points = Float[np.ndarray, "n 2"]
 Length = float | int
 """Pixels, whole or not."""
 
@@ -39,7 +39,7 @@ OF_PAGE = {
 FONT = "system-ui, 'Helvetica Neue', Arial, sans-serif"
 
 
-class Target(NamedTuple):
+class ClickTarget(NamedTuple):
     """What a part of a chart stands for: a click on it lights rays (viewer.js)."""
 
     chart: str
@@ -96,7 +96,7 @@ class Canvas:
             *(x, y, width, height, Markup(' data-map="{}"').format(name) if name else "", data_uri(rgb)),
         )
 
-    def target(self, target: Target, words: str, *, x: Length, y: Length, width: Length, height: Length) -> None:
+    def target(self, target: ClickTarget, words: str, *, x: Length, y: Length, width: Length, height: Length) -> None:
         """A rectangle that answers to a click and to the keyboard; `words` say what it stands for."""
         self._add(
             '<rect class="target" fill="none" data-chart="{}" data-index="{}" aria-label="{}" '

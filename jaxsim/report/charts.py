@@ -11,11 +11,11 @@ from jaxtyping import Float
 
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid
-from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, Length, Rgb, Target
+from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, ClickTarget, Length, Rgb
 from jaxsim.report.words import number
 
 Map = Float[np.ndarray, "r c"]
-Line = Float[np.ndarray, " k"]
+_Line = Float[np.ndarray, " k"]
 
 ANCHORS = np.array(
     [(5, 48, 97), (67, 147, 195), (209, 229, 240), (250, 250, 250), (253, 219, 199), (214, 96, 77), (103, 0, 31)], float
@@ -54,7 +54,7 @@ def label(value: Length) -> str:
     return f"{value:.6g}".replace("-", "−")
 
 
-def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str, name: str = "") -> Canvas | None:
+def draw_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str, name: str = "") -> Canvas | None:
     """Titled maps beside each other, one colour scale with its bar; None where nothing was compared. The viewer finds
     them by `name`."""
     limit = colour_limit([values for _, values in maps])
@@ -179,9 +179,9 @@ def _limits(*lines: np.ndarray) -> tuple[float, float]:
 
 
 def curve_chart(
-    x: Line,
-    lines: Sequence[tuple[str, Line, str]],
-    band: Line,
+    x: _Line,
+    lines: Sequence[tuple[str, _Line, str]],
+    band: _Line,
     *,
     x_label: str,
     y_label: str,
@@ -240,7 +240,7 @@ def at_words(x_label: str, at: str) -> str:
     return f"{x_label.partition(' (')[0]} {at}"
 
 
-def _targets(canvas: Canvas, x: Line, across: Coordinate, *, name: str, words: Sequence[str]) -> None:
+def _targets(canvas: Canvas, x: _Line, across: Coordinate, *, name: str, words: Sequence[str]) -> None:
     """Strips about the points of a chart, from halfway to the point before to halfway to the next."""
     between = (x[1:] + x[:-1]) / 2
     ends = [float(x[0]), *between.tolist(), float(x[-1])]
@@ -248,7 +248,7 @@ def _targets(canvas: Canvas, x: Line, across: Coordinate, *, name: str, words: S
         left, right = sorted((across(ends[k]), across(ends[k + 1])))
         # The first and the last strip, and those of narrow charts, stay wide enough to hit.
         left, right = left - (k == 0) * 6, right + (k == len(x) - 1) * 6
-        target = Target(name, k)
+        target = ClickTarget(name, k)
         label = words[k] if k < len(words) else words[0]
         canvas.target(target, label, x=left, y=14, width=right - left, height=canvas.height - 58)
 

@@ -12,19 +12,19 @@ from jaxsim.files import write_text
 from jaxsim.report.accounts import could_show, learned, own_effects, residual_clouds, where_it_stood
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
 from jaxsim.report.charts import ticks, x_axis
-from jaxsim.report.evidence import curves, gap, levels, maps, moved, objects, where
-from jaxsim.report.named import named_effects, ranking, repeats, unexplained
+from jaxsim.report.evidence import curves, dependence_table, gap, levels, maps, moved, objects
+from jaxsim.report.named import named_effects, ranking_chart, repeats, unexplained
 from jaxsim.report.page import (
     NOTHING,
-    Draw,
+    DrawChart,
     code,
     figure,
     folded,
+    join_parts,
     names,
     paragraph,
     section,
     table,
-    together,
     whole_page,
 )
 from jaxsim.report.regimes import regimes
@@ -101,12 +101,12 @@ def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]
             learned(verdict, draw),
             repeats(verdict.repeats),
             where_it_stood(verdict.registered),
-            where(verdict.where),
+            dependence_table(verdict.where),
             turning,
             maps(result, draw),
             curves(result.curves, draw),
             gap(verdict),
-            ranking(verdict.ranking, verdict.effects),
+            ranking_chart(verdict.ranking, verdict.effects),
             _chance(verdict, draw),
             NOTHING if outside else unexplained(verdict.unexplained, draw),
             could_show(verdict.sensitivity),
@@ -126,10 +126,10 @@ def _scenes(verdict: Verdict) -> Markup:
         parts.append(names(Markup("<b>{} ({}):</b> {}").format(word, len(scenes), ", ".join(scenes))))
     taken = "SHA-256 of this division, taken before anything was fitted"
     parts.append(names(Markup("{}: {}").format(taken, code(verdict.sha256))))
-    return section("Scenes", together(parts))
+    return section("Scenes", join_parts(parts))
 
 
-def _chance(verdict: Verdict, draw: Draw) -> Markup:
+def _chance(verdict: Verdict, draw: DrawChart) -> Markup:
     """How often naming errs on these very data, if nulls were drawn; else nothing."""
     nulls = verdict.nulls
     if nulls is None:

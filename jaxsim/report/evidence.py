@@ -11,15 +11,15 @@ from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Fidelity, Gained, Gap, Interval, Level, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
-from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
-from jaxsim.report.page import NOTHING, Draw, below, file_name, key, paragraph, section, shows, table, together
+from jaxsim.report.charts import SHARE_SHOWN, curve_chart, draw_maps
+from jaxsim.report.page import NOTHING, DrawChart, below, file_name, join_parts, key, paragraph, section, shows, table
 from jaxsim.report.words import AXES, CHANNELS, Axis, nuisance, nuisance_title, number, percent, probability
 
 SMALL = 0.005
 """A change below this share of the distance is none that matters, however sure its sign."""
 
 
-def where(places: Sequence[Where]) -> Markup:
+def dependence_table(places: Sequence[Where]) -> Markup:
     """Channels and the covariates on which their residuals depend."""
     title = "Where simulation and measurement disagree"
     if not places:
@@ -57,7 +57,7 @@ def _share(share: float) -> str:
     return "< 1 %" if 0 < share < 0.005 else percent(share)
 
 
-def maps(result: Result, draw: Draw) -> Markup:
+def maps(result: Result, draw: DrawChart) -> Markup:
     """Residuals on the polar grid, before and after."""
     parts = []
     for channel, sides in CHANNELS.items():
@@ -69,7 +69,7 @@ def maps(result: Result, draw: Draw) -> Markup:
         parts.append(
             draw(
                 f"map_{file_name(channel)}",
-                residual_maps(shown, result.grid, unit=sides.unit, name=channel),
+                draw_maps(shown, result.grid, unit=sides.unit, name=channel),
                 f"{channel.capitalize()}. Red: {sides.positive}; blue: {sides.negative}; grey: nothing compared. "
                 f"Root mean square over cells: {sizes}.",
             )
@@ -78,7 +78,7 @@ def maps(result: Result, draw: Draw) -> Markup:
         "Mean residual of each cell over the judge scenes, measured minus simulated. Colours end at the "
         f"{SHARE_SHOWN}th percentile of its size, or at its root mean square if that is larger."
     )
-    return section("Residual maps on judge scenes", explain + together(parts)) if parts else NOTHING
+    return section("Residual maps on judge scenes", explain + join_parts(parts)) if parts else NOTHING
 
 
 def _rms(values: np.ndarray) -> float:
@@ -86,7 +86,7 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-def curves(lines: Iterable[CurveLine], draw: Draw) -> Markup:
+def curves(lines: Iterable[CurveLine], draw: DrawChart) -> Markup:
     """Residuals along covariates, before and after."""
     parts = []
     for place, curve in enumerate(lines):
@@ -113,7 +113,7 @@ def curves(lines: Iterable[CurveLine], draw: Draw) -> Markup:
         "Mean residual on judge scenes along the covariates by which the effect betrays itself; of an effect that "
         "makes readings scatter, also their spread over the one that each ray is expected to have."
     )
-    return section("Along the effect's own covariates", intro + legend + together(parts))
+    return section("Along the effect's own covariates", intro + legend + join_parts(parts))
 
 
 LEVELS = {

@@ -14,29 +14,29 @@ from jaxsim.report.canvas import BEFORE
 from jaxsim.report.charts import curve_chart, interval_chart
 from jaxsim.report.page import (
     NOTHING,
-    Draw,
+    DrawChart,
     bar_cell,
     code,
     file_name,
     formula,
+    join_parts,
     paragraph,
     section,
     shows,
     table,
-    together,
 )
 from jaxsim.report.words import AXES, CHANNELS, Axis, dependence, number, probability, span, title_of
 
 
-def named_effects(effects: Sequence[Named], draw: Draw, *, shown: Sequence[tuple[str, str]] = ()) -> Markup:
+def named_effects(effects: Sequence[Named], draw: DrawChart, *, shown: Sequence[tuple[str, str]] = ()) -> Markup:
     """Each named effect with its formula, gain, parameters and look-alikes. `shown` are (channel, covariate) of the
     curves that the page has."""
     if not effects:
         return NOTHING
-    return section("What the simulation lacks", together(_effect(effect, draw, shown) for effect in effects))
+    return section("What the simulation lacks", join_parts(_effect(effect, draw, shown) for effect in effects))
 
 
-def _effect(named: Named, draw: Draw, shown: Sequence[tuple[str, str]]) -> Markup:
+def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> Markup:
     """An effect: what it is, how sure it is, its parameters, and what it could be taken for."""
     parts = [Markup("<h3>{} {}</h3>").format(code(named.name), title_of(named.name))]
     known = EFFECTS.get(named.name)
@@ -67,7 +67,7 @@ def _effect(named: Named, draw: Draw, shown: Sequence[tuple[str, str]]) -> Marku
         apart = named.tell_apart.get(other) or "no measurement is known"
         words = Markup('<p class="alike"><b>Could also be {}.</b> To tell them apart: {}.</p>')
         parts.append(words.format(code(other), apart))
-    return together(parts)
+    return join_parts(parts)
 
 
 def _evidence(named: Named, known: Effect | None, shown: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
@@ -91,7 +91,7 @@ def _p(p: float) -> str:
     return text if text.startswith("<") else f"= {text}"
 
 
-def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence[Interval], draw: Draw) -> Markup:
+def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence[Interval], draw: DrawChart) -> Markup:
     """One interval a beam or class, as a chart."""
     unit = values[0].unit if values else ""
     neutral = known.neutral if known else 0.0
@@ -112,7 +112,7 @@ def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence
     )
 
 
-def ranking(ranks: Sequence[Rank], effects: Sequence[Named]) -> Markup:
+def ranking_chart(ranks: Sequence[Rank], effects: Sequence[Named]) -> Markup:
     """The candidates of the first step as bars, with the bar that they had to pass."""
     if not ranks:
         return NOTHING
@@ -170,7 +170,7 @@ def repeats(patterns: Sequence[Repeat]) -> Markup:
     return section("What repeats in every scene", paragraph(words) + table(heads, rows, text=3))
 
 
-def unexplained(one: Unexplained | None, draw: Draw, *, missing: bool = False) -> Markup:
+def unexplained(one: Unexplained | None, draw: DrawChart, *, missing: bool = False) -> Markup:
     """A dependence outside the catalogue: what the simulation lacks if `missing`, else what remains."""
     title = "What the simulation lacks" if missing else "What stays unexplained"
     if one is None:

@@ -17,7 +17,7 @@ from markupsafe import Markup
 from jaxsim.report.canvas import Canvas, data_uri
 from jaxsim.report.pictures import Rgb
 
-Draw = Callable[[str, Canvas | None, str], Markup]
+DrawChart = Callable[[str, Canvas | None, str], Markup]
 """Keeps a chart under a name and gives its HTML with a caption; nothing but the words for a chart without values."""
 NOTHING = Markup()
 
@@ -62,7 +62,7 @@ def whole_page(
     )
 
 
-def together(parts: Iterable[str]) -> Markup:
+def join_parts(parts: Iterable[str]) -> Markup:
     """Parts one after the other; those that are no Markup are escaped."""
     return NOTHING.join(parts)
 

@@ -15,7 +15,7 @@ from jaxsim.frame import DepthFrame, Painted, Pair, PolarImage
 Rgb = UInt8[np.ndarray, "_ _ 3"]
 """A picture, rows x columns; pictures of one call may differ in size."""
 Raster = Float[np.ndarray, "rows columns"]
-Mask = Bool[np.ndarray, "rows columns"]
+_Mask = Bool[np.ndarray, "rows columns"]
 NOTHING = np.array([38, 38, 42], np.uint8)
 INK = (232, 232, 232)
 
@@ -31,7 +31,7 @@ for _id, _colour in {
 
 
 def colour_scalar(
-    value: Raster, valid: Mask, *, low: float | int, high: float | int, gamma: float = 1.0
+    value: Raster, valid: _Mask, *, low: float | int, high: float | int, gamma: float = 1.0
 ) -> UInt8[np.ndarray, "rows columns 3"]:
     """A scalar raster in the turbo colour map; cells without a value are dark grey."""
     scaled = np.clip((value - low) / (high - low), 0, 1) ** gamma
@@ -39,7 +39,7 @@ def colour_scalar(
     return np.where(valid[..., None], colours, NOTHING)
 
 
-def colour_classes(semantic: Int[np.ndarray, "rows columns"], valid: Mask) -> UInt8[np.ndarray, "rows columns 3"]:
+def colour_classes(semantic: Int[np.ndarray, "rows columns"], valid: _Mask) -> UInt8[np.ndarray, "rows columns 3"]:
     """Cityscapes' own colours."""
     return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], NOTHING)
 
@@ -96,12 +96,12 @@ def save_picture(path: Path, picture: Rgb) -> Path:
     return write_image(path, picture, by="pictures")
 
 
-def intensity_panel(intensity: Raster, valid: Mask) -> Rgb:
+def intensity_panel(intensity: Raster, valid: _Mask) -> Rgb:
     """Intensity 0..0.6 in colour (brighter saturates); no return is dark grey."""
     return colour_scalar(intensity, valid & (intensity > 0), low=0.0, high=0.6, gamma=0.7)
 
 
-def depth_panel(depth_m: Raster, valid: Mask) -> Rgb:
+def depth_panel(depth_m: Raster, valid: _Mask) -> Rgb:
     """Depth 0-60 m in colour, near ones with finer steps; none is dark grey."""
     return colour_scalar(depth_m, valid, low=0.0, high=60.0, gamma=0.6)
 

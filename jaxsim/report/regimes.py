@@ -12,9 +12,9 @@ from jaxtyping import Int
 from markupsafe import Markup
 
 from jaxsim.discover.verdict import JudgeFrame, Regime
-from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, Target
+from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, ClickTarget
 from jaxsim.report.charts import Coordinate, label, ticks, x_axis
-from jaxsim.report.page import NOTHING, Draw, below, code, file_name, key, paragraph, section, table, together
+from jaxsim.report.page import NOTHING, DrawChart, below, code, file_name, join_parts, key, paragraph, section, table
 from jaxsim.report.words import number, part_of, percent, probability, span
 
 LEFT = 72
@@ -27,7 +27,7 @@ MOST = 2.5
 """Size that the axis reaches at most: a scene that tells little may ask for any."""
 
 
-def regimes(acting: Sequence[Regime], draw: Draw, *, frames: Sequence[JudgeFrame] = ()) -> Markup:
+def regimes(acting: Sequence[Regime], draw: DrawChart, *, frames: Sequence[JudgeFrame] = ()) -> Markup:
     """Each effect that acts in a part alone: where, how large there and outside, and a strip along what divides.
     `frames` are those that the page shows ray by ray."""
     if not acting:
@@ -54,12 +54,12 @@ def regimes(acting: Sequence[Regime], draw: Draw, *, frames: Sequence[JudgeFrame
     )
     heads = ["effect", "acts", "share", "inside", "outside", "p", "q", "judge scenes", "in simulations"]
     legend = key([("inside", "after", False), ("outside", "before", True)])
-    strips = together(_strip(one, draw, place=k, frames=frames) for k, one in enumerate(acting))
+    strips = join_parts(_strip(one, draw, place=k, frames=frames) for k, one in enumerate(acting))
     body = paragraph(words) + table(heads, rows, text=2, last_text=True) + legend + strips
     return section("Where and when it acts", body)
 
 
-def _strip(one: Regime, draw: Draw, *, place: int, frames: Sequence[JudgeFrame]) -> Markup:
+def _strip(one: Regime, draw: DrawChart, *, place: int, frames: Sequence[JudgeFrame]) -> Markup:
     what = "sector" if one.divides == "azimuth" else "scene"
     caption = (
         f"{one.effect}, which acts {part_of(one)} (shaded): the size that each {what} asks for, had the effect been "
@@ -162,7 +162,7 @@ def _sector_targets(canvas: Canvas, x: np.ndarray, across: Coordinate, *, place:
     half = abs(across(float(np.max(x))) - across(float(np.min(x)))) / max(len(x) - 1, 1) / 2 or 6.0
     for k, at in enumerate(x.tolist()):
         words = f"sector about {label(round(at))}° of azimuth"
-        target = Target(_picked(place), k)
+        target = ClickTarget(_picked(place), k)
         canvas.target(target, words, x=across(at) - half, y=TOP, width=2 * half, height=BOTTOM - TOP)
 
 
@@ -187,4 +187,4 @@ def _frame_targets(
         if one.where.time_s:
             acts = ": acts" if bool(one.where.in_time(np.float32(frame.time_s))) else ": does not act"
         words = f"{title(frame)}, {number(frame.time_s)} s{acts}"
-        canvas.target(Target("scene", k), words, x=left, y=TOP - 20, width=right - left, height=BOTTOM - TOP + 20)
+        canvas.target(ClickTarget("scene", k), words, x=left, y=TOP - 20, width=right - left, height=BOTTOM - TOP + 20)

@@ -61,8 +61,8 @@ def score_text(score: Score) -> str:
     return f"{score.value:.{2 if score.unit == 'dB' else 4}f}"
 
 
-Interval = tuple[float, float]
-Intervals = Mapping[str, Mapping[str, Interval]]
+_Interval = tuple[float, float]
+Intervals = Mapping[str, Mapping[str, _Interval]]
 """Predictor -> score's name -> its interval over scenes."""
 
 
@@ -76,7 +76,7 @@ def score_table(scores: Scores, intervals: Intervals | None = None) -> str:
     return markdown_table(["predictor", *heads, "cells"], rows)
 
 
-def _with_interval(score: Score, interval: Interval | None) -> str:
+def _with_interval(score: Score, interval: _Interval | None) -> str:
     if interval is None or not all(map(math.isfinite, interval)):
         return score_text(score)
     low, high = interval

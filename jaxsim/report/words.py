@@ -13,11 +13,11 @@ from jaxsim.data.cityscapes import IDS
 from jaxsim.discover.verdict import Interval, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 
-Line = Float[np.ndarray, " k"]
-Real = float | int
+_Line = Float[np.ndarray, " k"]
+_Real = float | int
 
 
-class Sides(NamedTuple):
+class SignWords(NamedTuple):
     """A channel in words: what the two signs of its residual mean."""
 
     unit: str
@@ -31,9 +31,9 @@ class Sides(NamedTuple):
 
 
 CHANNELS = {
-    "intensity": Sides("ln I, nats", "measured brighter than simulated", "measured darker", "the intensities"),
-    "range": Sides("range, m", "measured farther than simulated", "measured nearer", "the ranges"),
-    "drop": Sides("share of rays", "more rays lost than expected", "fewer lost", "the returns"),
+    "intensity": SignWords("ln I, nats", "measured brighter than simulated", "measured darker", "the intensities"),
+    "range": SignWords("range, m", "measured farther than simulated", "measured nearer", "the ranges"),
+    "drop": SignWords("share of rays", "more rays lost than expected", "fewer lost", "the returns"),
 }
 """Names of residuals, measured minus simulated."""
 
@@ -42,7 +42,7 @@ class Axis(NamedTuple):
     """How a covariate's values are shown."""
 
     label: str
-    shown: Callable[[Line], Line] = np.asarray
+    shown: Callable[[_Line], _Line] = np.asarray
     """From the values that residuals are compared along to those on the axis."""
     x: str = ""
     """What a formula's x is, if not what the axis shows."""
@@ -94,7 +94,7 @@ def nuisance_title(name: str) -> str:
     return CLASSES.get(int(of), name) if kind == "class" and of.isdecimal() else NUISANCES.get(name, (name, ""))[0]
 
 
-def nuisance(name: str, value: Real) -> str:
+def nuisance(name: str, value: _Real) -> str:
     """A noise scale with its unit, or a rate as a share."""
     if name not in NUISANCES:
         return number(value)
@@ -102,7 +102,7 @@ def nuisance(name: str, value: Real) -> str:
     return f"{number(math.exp(value))} {unit}" if unit else f"{number(100 / (1 + math.exp(-value)))} %"
 
 
-def number(value: Real | None) -> str:
+def number(value: _Real | None) -> str:
     """Three significant digits with a true minus sign, and a power of ten where it is tiny or huge; a dash where there
     is no value."""
     if value is None or not math.isfinite(value):
@@ -116,7 +116,7 @@ def number(value: Real | None) -> str:
     return text.replace("-", "−")
 
 
-def probability(p: Real) -> str:
+def probability(p: _Real) -> str:
     if not math.isfinite(p):
         return "–"
     return "< 0.0001" if p < 1e-4 else f"{p:.2g}"
@@ -127,7 +127,7 @@ def span(interval: Interval) -> str:
     return f"{number(interval.low)} to {number(interval.high)}"
 
 
-def percent(value: Real) -> str:
+def percent(value: _Real) -> str:
     return f"{100 * value:.0f} %".replace("-", "−") if math.isfinite(value) else "–"
 
 

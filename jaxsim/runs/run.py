@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import orbax.checkpoint as ocp
 
@@ -47,7 +46,7 @@ FREE = (
 """Settings that a resumed run may change: none of them changes what was learned so far."""
 
 
-def describe(experiment: Experiment, spec: LidarSpec, view: CameraFrame) -> Run:
+def describe_run(experiment: Experiment, spec: LidarSpec, view: CameraFrame) -> Run:
     """The run of an experiment with this sensor and the camera of this view."""
     camera = view.camera
     return Run(
@@ -213,7 +212,7 @@ class Checkpoints:
                 "is not verified",
                 stacklevel=2,
             )
-        return jax.tree.map(jnp.asarray, restored[item])
+        return jax.device_put(restored[item])
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid
 from jaxsim.geometry import directions, incidence, polar_to_points
-from jaxsim.prepare import check_view, crop_image, window_of
+from jaxsim.prepare import check_view, crop_image, polar_window
 from jaxsim.runs.kinds import Run
 from jaxsim.simulate.predict import Generate, Window, check_image, simulate_frame, simulate_painted
 
@@ -134,7 +134,7 @@ def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generat
     check_image(size, run)
     cropped = crop_image(view, prepare.image_crop)
     check_view(cropped, prepare)
-    grid, row_share = window_of(view.camera, size, run.spec, config=prepare)
+    grid, row_share = polar_window(view.camera, size, run.spec, config=prepare)
     compiled = jax.jit(partial(_cloud_of_view, generate=generate, prepare=prepare))
     # Arguments that stay on the device: closed over, they would be constants of the program.
     weights, window = jax.device_put((params, (grid, row_share)))

@@ -15,7 +15,7 @@ from jaxsim.files import digest_of_values
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.pix2pix import make_generate
-from jaxsim.prepare import check_view, crop_image, input_channels, window_of
+from jaxsim.prepare import check_view, crop_image, input_channels, polar_window
 from jaxsim.runs.kinds import Run
 from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.embedded import is_embedded, read_embedded, shapes_of
@@ -65,7 +65,7 @@ class LearnedSensor:
     def window(self) -> Window:
         """The polar window of the camera that the run was trained with, and each beam's place in the sensor."""
         run = self.run
-        return window_of(run.camera, run.image_size, run.spec, config=run.experiment.prepare)
+        return polar_window(run.camera, run.image_size, run.spec, config=run.experiment.prepare)
 
     def simulate_view(
         self,
@@ -163,7 +163,9 @@ class LearnedSensor:
         )
         prepare = self.run.experiment.prepare
         # Another camera covers another part of the sensor's grid.
-        window = window_of(view.camera, view.rgb.shape[-3:-1], self.run.spec, config=prepare) if camera else self.window
+        window = (
+            polar_window(view.camera, view.rgb.shape[-3:-1], self.run.spec, config=prepare) if camera else self.window
+        )
         image, _ = self.simulate_view(crop_image(view, prepare.image_crop), window, projection=projection)
         return polar_to_points(image, window[0])
 

@@ -26,7 +26,7 @@ from jaxsim.metrics.inception import Extractor
 from jaxsim.pairs.prepared import prepared
 from jaxsim.prepare import edge_map
 from jaxsim.report import save_picture
-from jaxsim.report.page import figure, image, paragraph, section, table, together, whole_page
+from jaxsim.report.page import figure, image, join_parts, paragraph, section, table, whole_page
 from jaxsim.report.pictures import NOTHING, Raster, Rgb, beside, input_panels, intensity_panel, strip
 from jaxsim.report.results import (
     Scores,
@@ -326,9 +326,9 @@ def _page(
 ) -> str:
     heads, cells = _cells(rows, baselines)
     body = [[Markup("<b>{}</b>").format(text) if best else text for text, best in row] for row in cells]
-    notes = together(paragraph(line) for line in _notes(rows).splitlines())
+    notes = join_parts(paragraph(line) for line in _notes(rows).splitlines())
     sides = paragraph("Left: what the camera knows, and the sensor's answer. Right: each network's.")
-    figures = together(
+    figures = join_parts(
         figure(image(picture, f"inputs and predictions of {name}"), name) for name, picture in pictures.items()
     )
     return whole_page(

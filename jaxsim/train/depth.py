@@ -35,7 +35,7 @@ from jaxsim.prepare.depth.penet.training import (
 from jaxsim.progress import Progress
 from jaxsim.report import depth_picture
 from jaxsim.runs.kinds import DepthRun
-from jaxsim.train.training import Batch, Scores, Training, ahead, run_folder
+from jaxsim.train.training import Batch, RunScores, Training, ahead, run_folder
 
 _log = logging.getLogger(__name__)
 
@@ -126,7 +126,7 @@ def depth_training(experiment: DepthExperiment) -> Training:
             norms=stage.norms,
         )
 
-    def validate(values: PyTree, step: int, *, count: int = SHOWN) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
+    def validate(values: PyTree, step: int, *, count: int = SHOWN) -> tuple[RunScores, UInt8[np.ndarray, "h w 3"]]:
         """KITTI's scores of the first validation frames, and a picture of the very first."""
         part, count = config.stages[number_of(step - 1)].part, min(count, len(validation))
         errors, picture = [], np.zeros((1, 1, 3), np.uint8)
@@ -147,12 +147,12 @@ def depth_training(experiment: DepthExperiment) -> Training:
             )
         return depth_scores(errors) if errors else {}, picture
 
-    def finish(values: PyTree) -> Scores:
+    def finish(values: PyTree) -> RunScores:
         """Writes the weights for preparation; scores all validation frames."""
         save_penet(folder / "weights.npz", devices.to_host(values))
         return validate(values, steps, count=len(validation))[0]
 
-    def scored(scores: Scores) -> str:
+    def scored(scores: RunScores) -> str:
         lines = (f"- {n}: {s.value:.4g} {s.unit} ({s.count} of {len(validation)} images)" for n, s in scores.items())
         return "\n".join(lines) or "- not one validation image could be scored"
 

@@ -12,7 +12,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
 from jaxsim.report import detection_picture, list_scores
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.train.training import Scores, Training, ahead, run_folder
+from jaxsim.train.training import RunScores, Training, ahead, run_folder
 
 
 def detector_training(experiment: DetectorExperiment) -> Training:
@@ -42,7 +42,7 @@ def detector_training(experiment: DetectorExperiment) -> Training:
     train_step = detect.make_train_step(experiment, steps, mesh=mesh)
     find = make_find(experiment)
 
-    def validate(network: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
+    def validate(network: PyTree, step: int) -> tuple[RunScores, UInt8[np.ndarray, "h w 3"]]:
         """KITTI's average precision."""
         curves, scored = score_detector(find, network, validation, experiment=experiment)
         picture = detection_picture(validation[0], scored[0], experiment.voxels.range_m, title=f"step {step}")

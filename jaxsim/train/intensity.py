@@ -18,11 +18,11 @@ from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
 from jaxsim.report import pair_picture, score_table
-from jaxsim.runs.run import describe
+from jaxsim.runs.run import describe_run
 from jaxsim.simulate.grain import save_grain
 from jaxsim.simulate.grain_fit import learn_grain
 from jaxsim.simulate.predict import make_batch, make_predict
-from jaxsim.train.training import Scores, Training, ahead, run_folder
+from jaxsim.train.training import RunScores, Training, ahead, run_folder
 
 _log = logging.getLogger(__name__)
 
@@ -85,14 +85,14 @@ def intensity_training(experiment: Experiment) -> Training:
     train_step = make_train_step(experiment, channels, vgg=vgg, mesh=mesh)
     predict = make_predict(make_generate(experiment, channels), prepare)
 
-    def validate(params: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
+    def validate(params: PyTree, step: int) -> tuple[RunScores, UInt8[np.ndarray, "h w 3"]]:
         """Scores of the averaged generator."""
         picture = pair_picture(validation[0], np.asarray(predict(params, validation[0]).reported), title=f"step {step}")
         return score_pairs(predict, params, validation), picture
 
-    run, folder = describe(experiment, dataset.spec, train.record(0).view), run_folder(settings)
+    run, folder = describe_run(experiment, dataset.spec, train.record(0).view), run_folder(settings)
 
-    def finish(params: PyTree) -> Scores:
+    def finish(params: PyTree) -> RunScores:
         """Last scores; and how the cells of draws scatter together, where there is a distribution to draw from."""
         try:
             save_grain(folder, learn_grain(predict, params, validation, scenes=validation.scenes))

@@ -20,7 +20,7 @@ from jaxsim.runs.kinds import AnyExperiment, kind_of
 from jaxsim.runs.metrics_log import MetricsLog
 from jaxsim.runs.run import Checkpoints, start_run
 from jaxsim.train.experiments import CONFIGS
-from jaxsim.train.training import Scores, Training, run_folder, write_card
+from jaxsim.train.training import RunScores, Training, run_folder, write_card
 
 _log = logging.getLogger(__name__)
 
@@ -63,10 +63,10 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
         if checkpoints and step not in checkpoints.steps:
             checkpoints.save(step, **{"state": state, training.network: training.used(state)})
 
-    def tell(scores: Scores) -> None:
+    def tell(scores: RunScores) -> None:
         _log.info(f"step {step}: validation " + ", ".join(f"{name} {s.value:.4g}" for name, s in scores.items()))
 
-    def validate() -> Scores:
+    def validate() -> RunScores:
         """Validation scores and a picture; meanwhile other processes wait in their step."""
         if not writes:
             return {}

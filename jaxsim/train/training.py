@@ -20,8 +20,8 @@ from jaxsim.runs.kinds import AnyRun, kind_of
 
 Batch = dict[str, Any]
 """Arrays by name, each with the batch's items first."""
-Scores = dict[str, Score]
-Item = TypeVar("Item", covariant=True)
+RunScores = dict[str, Score]
+_Item = TypeVar("_Item", covariant=True)
 AHEAD = 4
 """Batches that wait in memory for the devices."""
 
@@ -46,11 +46,11 @@ class Training:
     """Name, in checkpoints, of the part of the state that is used."""
     used: Callable[[PyTree], PyTree]
     """That part of a state."""
-    validate: Callable[[PyTree, int], tuple[Scores, UInt8[np.ndarray, "h w 3"]]]
+    validate: Callable[[PyTree, int], tuple[RunScores, UInt8[np.ndarray, "h w 3"]]]
     """(the used part, its step) -> validation scores, and a picture."""
     facts: tuple[str, ...]
     """Lines of the card that say what was trained, and on what."""
-    scored: Callable[[Scores], str]
+    scored: Callable[[RunScores], str]
     """Validation scores as the card shows them."""
     use: str
     """End of the card: how the run is used."""
@@ -58,7 +58,7 @@ class Training:
     """Last words of the program: what to do next."""
     milestones: frozenset[int] = frozenset()
     """Steps that are saved and judged whatever `save_every` and `judge_every` say; the last one always is."""
-    finish: Callable[[PyTree], Scores] | None = None
+    finish: Callable[[PyTree], RunScores] | None = None
     """What is left to do with the part that is used when all steps are done; gives the card's scores. None: the last
     step's are the card's."""
 
@@ -69,13 +69,13 @@ def run_folder(settings: RunConfig) -> Path:
 
 
 @runtime_checkable
-class Loader(Protocol[Item]):
+class Loader(Protocol[_Item]):
     """Batches by number."""
 
-    def __getitem__(self, k: int, /) -> Item: ...
+    def __getitem__(self, k: int, /) -> _Item: ...
 
 
-def ahead(loader: Loader[Item], start: int, stop: int, *, threads: int = 2) -> Iterator[Item]:
+def ahead(loader: Loader[_Item], start: int, stop: int, *, threads: int = 2) -> Iterator[_Item]:
     """Batches `start` to `stop` - 1 in order; while the devices work on one, threads make the next AHEAD."""
     with ThreadPoolExecutor(threads) as pool:
         yield from prefetch(pool, loader.__getitem__, range(start, stop), ahead=AHEAD)
@@ -98,7 +98,7 @@ def licence_head(run: AnyRun) -> str:
     return f"---\nlibrary_name: jaxsim\nlicense: {LICENCES.get(kind, 'other')}\ntags:\n{tags}\n---"
 
 
-def write_card(folder: Path, training: Training, description: str, *, scores: Scores, seconds: float) -> None:
+def write_card(folder: Path, training: Training, description: str, *, scores: RunScores, seconds: float) -> None:
     """Writes card.md. `description` is the experiment's docstring, `seconds` the time since the last start."""
     noun = kind_of(training.run).name
     facts = (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.eval_detection import judge_run
-from jaxsim.cli.source import Source
+from jaxsim.cli.source import DataSource
 from jaxsim.config import RunConfig
 from jaxsim.detect.results import Detected
 from jaxsim.detect.steps import create_state
@@ -41,7 +41,7 @@ def run(tmp_path, monkeypatch):
 
 
 def test_the_mean_over_checkpoints_is_written_with_its_steps(run, capsys):
-    judge_run(run, Source(), frames="", out=run / "evaluation")
+    judge_run(run, DataSource(), frames="", out=run / "evaluation")
     said = (
         "of the last 2 checkpoints, one every 3 steps (steps 3, 6); the paper's is of 5 (the run keeps 2: --run.keep 5)"
     )

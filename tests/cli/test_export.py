@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from jaxsim.cli.export import Export
-from jaxsim.cli.source import Source
+from jaxsim.cli.source import DataSource
 from jaxsim.config import CloudRecipe
 from jaxsim.effects.chain import SensorModel
 from tests.simulate.made_trees import Six
@@ -30,7 +30,7 @@ def test_effects_need_rays(tmp_path, six):
         ({"frames": "0", "recipe": CloudRecipe(source="measured", beams=(1,))}, "there are none; name them"),
         ({"frames": "0", "effects": Path("nowhere.json")}, r"no file nowhere\.json"),
         ({"frames": "1-2"}, "no frame of 2 is left"),
-        ({"frames": "0", "data": Source("kitti_object", lidar="camera")}, "sensors of kitti_object stand apart"),
+        ({"frames": "0", "data": DataSource("kitti_object", lidar="camera")}, "sensors of kitti_object stand apart"),
     ],
 )
 def test_what_cannot_be_exported_is_told(tmp_path, six, settings, message):

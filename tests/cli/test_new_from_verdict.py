@@ -10,7 +10,7 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.discover.covariates import CURVES, with_basis
 from jaxsim.discover.find import Dependence
-from jaxsim.discover.law.learn import form_of, learn
+from jaxsim.discover.law.learn import curve_form, learn
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit
@@ -48,7 +48,7 @@ def answer(null, tmp_path_factory):
     along = Dependence("intensity", "speed", 0.001, 0.1, 100.0)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         [curve] = rank_effects(with_basis(null, "speed"), [CURVES["intensity"]], null=null.null_fits)
-        form = form_of(null, along, curve)
+        form = curve_form(null, along, curve)
         start = ({"height": form.start},)
         learned = learn(form, null, fit(form.law, null, np.ones(9, np.float32), starts=start))
     law = closed_law(learned)

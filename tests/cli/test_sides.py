@@ -11,7 +11,7 @@ import pytest
 
 from jaxsim.cli import discover, stop_on_error
 from jaxsim.cli.sides import Sides
-from jaxsim.cli.source import Source
+from jaxsim.cli.source import DataSource
 from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame
 from jaxsim.discover import discover_folders
@@ -138,7 +138,7 @@ def test_flags_of_a_run_without_one(out: Path, tmp_path: Path):
     both = {"simulated": out / "simulated", "measured": out / "measured"}
     assert "--frames is for a trained run" in complaint(discover.Discover(**both, frames="3", out=tmp_path))
     assert "--data.kind is for a trained run" in complaint(
-        discover.Discover(**both, data=Source("kitti_raw"), out=tmp_path)
+        discover.Discover(**both, data=DataSource("kitti_raw"), out=tmp_path)
     )
 
 

@@ -5,25 +5,25 @@ from pathlib import Path
 import pytest
 
 from jaxsim.cli import COMMANDS
-from jaxsim.cli.source import SAME, Source
+from jaxsim.cli.source import SAME, DataSource
 from jaxsim.config import DataConfig
 
 
 def test_what_is_not_given_is_as_the_run_has_it():
     own = DataConfig("vkitti2", root=Path("own"), scenes=("Scene01",), lidar="camera", seed=7)
     assert SAME.config(own) == own
-    assert Source(camera=1).config(own) == DataConfig(
+    assert DataSource(camera=1).config(own) == DataConfig(
         "vkitti2", root=Path("own"), scenes=("Scene01",), lidar="camera", seed=7, camera=1
     )
-    foreign = Source("kitti_raw", root=Path("raw")).config(own)
+    foreign = DataSource("kitti_raw", root=Path("raw")).config(own)
     assert (foreign.kind, foreign.root, foreign.scenes) == ("kitti_raw", Path("raw"), ())
 
 
 def test_flags_of_a_config_give_the_config_again():
     config = DataConfig("vkitti2", root=Path("v"), scenes=("Scene01",), variations=("fog",), camera=1, streets="suburb")
-    assert Source.of(config).config() == config
+    assert DataSource.of(config).config() == config
 
 
 @pytest.mark.parametrize("name", ["simulate", "export", "prepare", "discover"])
 def test_the_group_is_called_data_in_every_command(name: str):
-    assert isinstance(COMMANDS[name].load().data, Source)
+    assert isinstance(COMMANDS[name].load().data, DataSource)

@@ -11,13 +11,13 @@ from jaxsim.cli.eval import Evaluation
 from jaxsim.cli.export import Export
 from jaxsim.cli.prepare import Prepare
 from jaxsim.cli.simulate import Simulate
-from jaxsim.cli.source import SAME, Source
+from jaxsim.cli.source import SAME, DataSource
 from jaxsim.cli.spellings import in_new_spelling
 
-KITTI = Source("kitti_step", root=Path("drives"), scenes=("0001", "0018"))
+KITTI = DataSource("kitti_step", root=Path("drives"), scenes=("0001", "0018"))
 KITTI_WORDS = "--data.kind kitti_step --data.root drives --data.scenes 0001 0018"
 KITTI_ONCE = "--data kitti_step --root=drives --scenes 0001 0018"
-VIRTUAL = Source("vkitti2", root=Path("v"), variations=("fog",), camera=1, lidar="camera")
+VIRTUAL = DataSource("vkitti2", root=Path("v"), variations=("fog",), camera=1, lidar="camera")
 
 
 def parsed(flags: type, words: str):
@@ -44,7 +44,7 @@ def test_every_field_has_its_earlier_name():
     assert parsed(Simulate, f"runs/a --out o {words}").data == VIRTUAL
     assert parsed(Export, f"--out o {words}").data == VIRTUAL
     world = parsed(Export, "--out o --seed 3 --streets suburb --rows elevation --frames 0").data
-    assert world == Source("synthetic", seed=3, streets="suburb", rows="elevation")
+    assert world == DataSource("synthetic", seed=3, streets="suburb", rows="elevation")
 
 
 def test_a_flag_of_the_command_itself_keeps_its_meaning():
@@ -54,7 +54,7 @@ def test_a_flag_of_the_command_itself_keeps_its_meaning():
 
 def test_the_ablations_other_data_set_has_its_earlier_names():
     command = parsed(Ablation, "--also vkitti2 --also_root v --also-scenes Scene01 --also-frames 0")
-    assert command.also == Source("vkitti2", root=Path("v"), scenes=("Scene01",))
+    assert command.also == DataSource("vkitti2", root=Path("v"), scenes=("Scene01",))
     assert command.also_frames == "0"
 
 

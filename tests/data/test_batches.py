@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.data.batches import batches, cut, magnified
+from jaxsim.data.batches import batches, crop_columns, magnified
 from jaxsim.frame import Painted, Pair, PolarImage
 from jaxsim.train.training import ahead
 
@@ -99,7 +99,7 @@ def test_magnifying_needs_a_size_to_cut_out():
 
 def test_columns_are_cut_out_of_every_raster_at_one_place():
     for place, start in ((0.0, 0), (0.5, 1), (0.999, 2)):
-        part = cut(PAIRS[0], 4, place)
+        part = crop_columns(PAIRS[0], 4, place)
         for whole, piece in zip(jax.tree.leaves(PAIRS[0]), jax.tree.leaves(part), strict=True):
             np.testing.assert_array_equal(piece, whole[:, start : start + 4])
 

@@ -29,7 +29,7 @@ def test_colours_are_turned_from_bgra():
 def test_depth_has_24_bits_and_ends_in_the_sky():
     depth = np.linspace(0.5, 900, 24).reshape(SIZE)
     depth[0, 0] = 1000
-    metres, known = carla.read_depth(encoded(depth), SIZE)
+    metres, known = carla.decode_depth(encoded(depth), SIZE)
     np.testing.assert_allclose(metres, depth, atol=1e-4)
     assert not known[0, 0]
     assert known.sum() == 23
@@ -39,7 +39,7 @@ def test_depth_has_24_bits_and_ends_in_the_sky():
 def test_a_picture_of_the_depth_is_an_error():
     grey = np.arange(24).reshape(SIZE)
     with pytest.raises(ValueError, match=r"ColorConverter\.Depth's .*pass the raw buffer"):
-        carla.read_depth(bgra(grey, grey, grey), SIZE)
+        carla.decode_depth(bgra(grey, grey, grey), SIZE)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.config import DataConfig, DepthExperiment, PenetConfig, Stage
-from jaxsim.data.kitti_depth import KittiDepth, read_depth
+from jaxsim.data.kitti_depth import KittiDepth, read_kitti_depth
 from jaxsim.prepare.depth.frames import Batches
 from jaxsim.train.depth import frames_of
 
@@ -134,7 +134,7 @@ def test_the_selected_validation_images_are_read_too(depth, selected):
 
 
 def test_the_demo_s_depth_is_read(samples):
-    depth_m, valid = read_depth(samples / "kitti_depth_demo/depth/0000000005.png")
+    depth_m, valid = read_kitti_depth(samples / "kitti_depth_demo/depth/0000000005.png")
     assert valid.mean() > 0.1
     assert 1 < np.median(depth_m[valid]) < 80
 
@@ -152,4 +152,4 @@ def test_bad_input_says_what_to_do(depth, tmp_path):
     grey = tmp_path / "grey.png"
     cv2.imwrite(str(grey), np.zeros((4, 4), np.uint8))
     with pytest.raises(ValueError, match="no 16-bit grey PNG"):
-        read_depth(grey)
+        read_kitti_depth(grey)

@@ -11,10 +11,10 @@ from jaxsim.config import DataConfig, Experiment, PrepareConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import batches
 from jaxsim.data.records import example_of
-from jaxsim.data.tfds_builder import JaxsimPairs, cut
+from jaxsim.data.tfds_builder import JaxsimPairs, shards_of
 from jaxsim.pairs.prepared import make_record, prepared
 from jaxsim.pairs.sets import make_set
-from jaxsim.runs.run import describe
+from jaxsim.runs.run import describe_run
 from tests.data.made_prepared_set import PREPARE, equal, kitti, of
 
 
@@ -36,8 +36,8 @@ def test_a_set_holds_the_pairs_that_its_frames_give_and_the_papers_parts(step_tr
             equal((one.pair, one.grid, one.edges), (other.pair, other.grid, other.edges))
             assert (one.name, one.scene, one.position) == (other.name, other.scene, chosen[i])
             assert one.edges.any()
-        from_frame = describe(Experiment(), frames.spec, frames[chosen[0]].camera)
-        assert describe(Experiment(), pairs.spec, kept.record(0).view) == from_frame
+        from_frame = describe_run(Experiment(), frames.spec, frames[chosen[0]].camera)
+        assert describe_run(Experiment(), pairs.spec, kept.record(0).view) == from_frame
 
 
 @pytest.mark.parametrize("parts", [1, 2])
@@ -57,7 +57,7 @@ def test_tfds_reads_a_set_without_jaxsim_and_builds_one_in_its_own_way(raw_root,
     def examples(positions):
         return (example_of(make_record(frames[p], p, frames.spec, prepare=PREPARE)) for p in positions)
 
-    shards = cut({"train": [0, 1], "eval": [2]}, 1)
+    shards = shards_of({"train": [0, 1], "eval": [2]}, 1)
     JaxsimPairs(data_dir=tmp_path / "own", kind="kitti_raw", shards=shards, examples=examples).download_and_prepare()
     for split, names in (("train", [frames.name_of(0), frames.name_of(1)]), ("eval", [frames.name_of(2)])):
         sources = [tfds.data_source("jaxsim_pairs/kitti_raw", split=split, data_dir=d) for d in (out, tmp_path / "own")]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.simulate import Simulate
-from jaxsim.cli.source import Source
+from jaxsim.cli.source import DataSource
 from jaxsim.config import DataConfig
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
@@ -20,7 +20,7 @@ def simulate(step_run, virtual):
 
     def simulate(out: Path, lidar: str | None = None, **settings) -> Path:
         common = {"frames": "0-1", "batch": 2, "formats": ("bin",), "previews": 0}
-        data = Source("vkitti2", root=virtual.root, scenes=("Scene01",), lidar=lidar)
+        data = DataSource("vkitti2", root=virtual.root, scenes=("Scene01",), lidar=lidar)
         Simulate(run=step_run, out=out, data=data, **common, **settings)()
         return out / "polar"
 

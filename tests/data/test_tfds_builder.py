@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxsim.data.tfds_builder import Shard, cut, write_records
+from jaxsim.data.tfds_builder import Shard, shards_of, write_records
 from tests.full_disk import no_file_above
 
 
 def test_files_are_cut_so_that_the_last_takes_what_is_left():
-    shards = cut({"train": list(range(5)), "eval": [7]}, 2)
+    shards = shards_of({"train": list(range(5)), "eval": [7]}, 2)
     assert [shard.positions for shard in shards] == [(0, 1), (2, 3), (4,), (7,)]
     assert shards[2] == Shard("train", 2, 3, (4,))
     assert shards[2].file(Path("a")).name == "jaxsim_pairs-train.array_record-00002-of-00003"

@@ -5,7 +5,7 @@ import numpy as np
 from jaxsim.config import AnchorConfig, VoxelConfig
 from jaxsim.detect.anchors import (
     anchor_boxes,
-    assign,
+    anchor_targets,
     decode,
     decode_with_direction,
     direction_bin,
@@ -15,7 +15,7 @@ from jaxsim.detect.anchors import (
 from jaxsim.geometry.boxes import iou_2d
 
 CONFIG, VOXELS = AnchorConfig(), VoxelConfig()
-assign_all = jax.jit(assign, static_argnames="config")
+assign_all = jax.jit(anchor_targets, static_argnames="config")
 
 
 def oracle(anchors, boxes, config):

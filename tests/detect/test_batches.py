@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.detect.batches import SceneBatches, augment, collide, cutouts, heights_on, in_box, pad_scene, paste
+from jaxsim.detect.batches import SceneBatches, augment_scene, collide, cutouts, heights_on, in_box, pad_scene, paste
 from jaxsim.geometry.boxes import iou_bev, points_in_boxes
 from tests.detect.tiny import EXPERIMENT, VIEW, VOXELS, scene
 
@@ -61,15 +61,15 @@ def test_augmentation_moves_points_and_boxes_together():
     before, config = scene(0), replace(AUGMENT, sampled=0)
     held = [in_box(before.points, box).sum() for box in before.boxes]
     for seed in range(8):
-        after = augment(before, [], config, rng=np.random.default_rng(seed))
+        after = augment_scene(before, [], config, rng=np.random.default_rng(seed))
         slack = after.boxes * np.float32([1, 1, 1, 1.0001, 1.0001, 1.0001, 1])
         assert [in_box(after.points, box).sum() for box in slack] == held
         assert (np.abs(after.boxes[:, 6]) <= np.pi).all()
     assert not np.array_equal(after.points, before.points)
     still = replace(config, flip=0.0, rotation_rad=0.0, scaling=(1.0, 1.0))
-    same = augment(before, [], still, rng=np.random.default_rng(0))
+    same = augment_scene(before, [], still, rng=np.random.default_rng(0))
     np.testing.assert_allclose(same.boxes, before.boxes, atol=1e-6)
-    mirrored = augment(before, [], replace(still, flip=1.0), rng=np.random.default_rng(0))
+    mirrored = augment_scene(before, [], replace(still, flip=1.0), rng=np.random.default_rng(0))
     np.testing.assert_allclose(mirrored.boxes[:, [1, 6]], -before.boxes[:, [1, 6]], atol=1e-6)
 
 

@@ -10,7 +10,7 @@ import pytest
 from flax import nnx
 
 from jaxsim.config import BackboneConfig, ProposalConfig, RoiConfig, VoxelConfig
-from jaxsim.detect.backbones import AnchorHead, BevBackbone, Scale
+from jaxsim.detect.backbones import AnchorHead, BevBackbone, SparseScale
 from jaxsim.detect.layers import BatchNorm
 from jaxsim.detect.network import VoxelRcnn, propose
 from jaxsim.detect.roi_head import VoxelRoiHead, grid_points
@@ -157,7 +157,7 @@ def test_the_second_stage_scores_and_encodes_what_it_pooled_of_each_proposal():
         shape = (16 // stride, 32 // stride, 32 // stride)
         keys = np.stack([np.sort(rng.choice(int(np.prod(shape)), count, replace=False)) for _ in range(2)])
         features = rng.normal(0, 3, (2, count, channels)).astype(np.float32)
-        scales.append(Scale(Sites(jnp.asarray(keys, jnp.int32), shape), jnp.asarray(features), stride))
+        scales.append(SparseScale(Sites(jnp.asarray(keys, jnp.int32), shape), jnp.asarray(features), stride))
     middle, size, heading = (
         rng.uniform([1, -2, -1], [5, 2, 1], (2, 5, 3)),
         np.full((2, 5, 3), 2.0),

@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.config import AnchorConfig, DetectorConfig, RoiConfig, VoxelConfig
 from jaxsim.detect import losses
-from jaxsim.detect.anchors import anchor_boxes, assign, decode_with_direction
+from jaxsim.detect.anchors import anchor_boxes, anchor_targets, decode_with_direction
 from jaxsim.detect.roi_head import assign_rois, best_objects, sample_rois, seen_from_roi, targets_of
 from jaxsim.geometry.boxes import box_corners
 
@@ -65,7 +65,7 @@ def test_first_stage_loss_is_the_published_one(heads, values):
 
     @jax.jit
     def run(cls, box, direction):
-        targets = assign(anchors, gt[..., :7], jnp.any(gt != 0, axis=-1), config=CONFIG.anchors)
+        targets = anchor_targets(anchors, gt[..., :7], jnp.any(gt != 0, axis=-1), config=CONFIG.anchors)
         return losses.rpn_losses((cls, box, direction), targets, CONFIG)
 
     terms, expected = run(cls, box, direction), values["heads"]["rpn_loss"]

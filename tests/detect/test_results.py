@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from jaxsim.detect.results import Detected, corners_of, label_lines, outlines, result_lines
-from jaxsim.detect.scenes import scene_of
+from jaxsim.detect.results import Detected, box_lines, corners_of, outlines, result_lines
+from jaxsim.detect.scenes import scene_of_frame
 from jaxsim.geometry.boxes import box_corners
 from tests.detect.tiny import VIEW
 
 
 def test_result_lines_are_the_labels_of_the_same_boxes(kitti):
-    found = scene_of(kitti[2], "Car", in_image=True)
+    found = scene_of_frame(kitti[2], "Car", in_image=True)
     lines = result_lines(Detected(found.boxes[found.target], np.array([0.75], np.float32)), "Car", found.view)
-    label = next(line for line in label_lines(found.labels) if line.startswith("Car "))
+    label = next(line for line in box_lines(found.labels) if line.startswith("Car "))
     (result,) = (line.split() for line in lines)
     wanted = label.split()
     assert result[0] == "Car"

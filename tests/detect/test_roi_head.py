@@ -4,7 +4,7 @@ import numpy as np
 from flax import nnx
 
 from jaxsim.config import RoiConfig, VoxelConfig
-from jaxsim.detect.backbones import Scale
+from jaxsim.detect.backbones import SparseScale
 from jaxsim.detect.roi_head import VoxelPool, cell_of, grid_points, voxel_query
 from jaxsim.detect.sparse import Sites, cells, key_of
 from jaxsim.geometry.boxes import points_in_boxes
@@ -84,7 +84,7 @@ def test_pooling_is_grouping_adding_and_the_maximum():
     pool.offset_norm.shift[...] = jnp.array([0.1, -0.2, 0.3])
     pool.features_norm.mean[...] = jnp.array([0.2, 0.1, -0.3])
     batched = jax.tree.map(lambda a: a[None], sites)
-    scale = Scale(batched, jnp.asarray(features)[None], 2)
+    scale = SparseScale(batched, jnp.asarray(features)[None], 2)
     run = nnx.jit(lambda pool, scale, xyz: pool(scale, xyz, radius_m=radius, voxels=VOXELS, config=config, train=False))
     out = np.asarray(run(pool, scale, jnp.asarray(points)[None]))[0]
 
@@ -120,7 +120,7 @@ def test_gradients_of_pooling_are_finite_differences():
 
     @jax.jit
     def total(features):
-        scale = Scale(jax.tree.map(lambda a: a[None], sites), features, 2)
+        scale = SparseScale(jax.tree.map(lambda a: a[None], sites), features, 2)
         pool = nnx.merge(definition, state)
         return (pool(scale, points, radius_m=0.4, voxels=VOXELS, config=config, train=False) * weight).sum()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.detect.batches import SceneBatches, in_box
-from jaxsim.detect.scenes import Scenes, cached_scenes, check_points, read_scene, scene_of, write_scene
+from jaxsim.detect.scenes import Scenes, cached_scenes, check_detectable, read_scene, scene_of_frame, write_scene
 from jaxsim.train.training import ahead
 from tests.detect.tiny import EXPERIMENT, VOXELS, scene
 
@@ -13,13 +13,13 @@ AUGMENT = replace(EXPERIMENT.augment, sampled=4, flip=0.5, rotation_rad=0.5, sca
 
 def test_the_camera_sees_the_published_points(kitti, scan):
     points, seen = scan
-    found = scene_of(kitti[1], "Car", in_image=True)
+    found = scene_of_frame(kitti[1], "Car", in_image=True)
     assert abs(len(found.points) - seen.sum()) <= 2
     np.testing.assert_array_equal(found.points[:500], points[seen][:500].astype(np.float32))
 
 
 def test_cars_of_a_real_frame_hold_their_points(kitti):
-    found = scene_of(kitti[1], "Car", in_image=False)
+    found = scene_of_frame(kitti[1], "Car", in_image=False)
     assert [kind for kind in found.labels.kind if kind == "Car"] == ["Car"] * int(found.target.sum())
     for box in found.boxes[found.target]:
         inside = found.points[in_box(found.points, box)]
@@ -29,7 +29,7 @@ def test_cars_of_a_real_frame_hold_their_points(kitti):
 
 
 def test_a_scene_is_read_as_it_was_kept(tmp_path, kitti):
-    made = scene_of(kitti[0], "Pedestrian", in_image=True)
+    made = scene_of_frame(kitti[0], "Pedestrian", in_image=True)
     write_scene(tmp_path / "one.npz", made)
     read = read_scene(tmp_path / "one.npz")
     for name in ("points", "boxes", "target", "difficulty"):
@@ -64,7 +64,7 @@ def test_kept_scenes_are_made_once_and_other_settings_apart(tmp_path, kitti):
 )
 def test_a_broken_cloud_is_refused(points, message):
     with pytest.raises(ValueError, match=message):
-        check_points(points, "frame")
+        check_detectable(points, "frame")
 
 
 def loader(**changes):

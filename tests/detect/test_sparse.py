@@ -9,8 +9,8 @@ import pytest
 
 from jaxsim.detect.sparse import (
     CUBE,
+    ConvWindow,
     Sites,
-    Window,
     cells,
     key_of,
     neighbours,
@@ -24,10 +24,10 @@ from jaxsim.detect.sparse import (
 pytestmark = pytest.mark.usefixtures("quick_compile")
 
 LAYERS = {
-    "sparse_k3_s1_p1": Window(CUBE, (1, 1, 1), (1, 1, 1)),
-    "sparse_k3_s2_p1": Window(CUBE, (2, 2, 2), (1, 1, 1)),
-    "sparse_k3_s2_p011": Window(CUBE, (2, 2, 2), (0, 1, 1)),
-    "sparse_k311_s211_p0": Window((3, 1, 1), (2, 1, 1), (0, 0, 0)),
+    "sparse_k3_s1_p1": ConvWindow(CUBE, (1, 1, 1), (1, 1, 1)),
+    "sparse_k3_s2_p1": ConvWindow(CUBE, (2, 2, 2), (1, 1, 1)),
+    "sparse_k3_s2_p011": ConvWindow(CUBE, (2, 2, 2), (0, 1, 1)),
+    "sparse_k311_s211_p0": ConvWindow((3, 1, 1), (2, 1, 1), (0, 0, 0)),
 }
 HALVING = LAYERS["sparse_k3_s2_p1"]
 
@@ -127,7 +127,7 @@ def test_strided_convolution_is_spconvs(published, layer):
 def test_values_and_gradients_are_those_of_a_dense_convolution(window):
     """Without a window, of a submanifold convolution."""
     shape, capacity = (6, 8, 7), 300
-    size, stride, padding = window or Window(CUBE, (1, 1, 1), (1, 1, 1))
+    size, stride, padding = window or ConvWindow(CUBE, (1, 1, 1), (1, 1, 1))
 
     def sparse(x, weights, change, sites):
         if window is None:

@@ -12,7 +12,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.mounting import LIFTED, gains, named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.read import NOTHING_YET, Comparison
 from jaxsim.discover.register.registration import LIFT, PARTS
-from jaxsim.discover.scenes import split
+from jaxsim.discover.scenes import split_scenes
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.chain import SensorModel
@@ -43,7 +43,7 @@ def test_a_turned_sensor_is_named_with_its_interval_and_its_frames_are_brought_t
     one = place_mounting(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
     assert one.effects == ("extrinsic_rotation",)
     assert off_m(one.comparison) < 0.02
-    (turn,), unsure = named_mounting(one, split(NAMES), rows=24)
+    (turn,), unsure = named_mounting(one, split_scenes(NAMES), rows=24)
     assert not unsure
     pitch = turn.parameters["pitch_rad"]
     assert isinstance(pitch, Interval)
@@ -61,7 +61,7 @@ def test_beams_that_all_point_higher_are_named_for_each_beam():
     one = place_mounting(comparison(np.zeros(6), lift=0.0087), PARTS)
     assert one.effects == ("beam_elevation_error",)
     assert off_m(one.comparison) < 0.02
-    (lift,), _ = named_mounting(one, split(NAMES), rows=24)
+    (lift,), _ = named_mounting(one, split_scenes(NAMES), rows=24)
     beams = lift.parameters["error_rad"]
     assert isinstance(beams, tuple)
     assert len(beams) == 24
@@ -127,7 +127,7 @@ def test_a_sensor_in_its_place_changes_nothing():
     given = comparison(np.zeros(6))
     one = place_mounting(given, PARTS)
     assert one.comparison is given
-    assert named_mounting(one, split(NAMES), rows=24) == ((), ())
+    assert named_mounting(one, split_scenes(NAMES), rows=24) == ((), ())
     assert registered_of(replace(given, registration=None)) is None
 
 
@@ -146,7 +146,7 @@ def test_scenes_are_priced_by_what_the_others_say():
     poses = np.zeros((12, 8))
     poses[:, 0] = 0.1
     poses[0, 0] = -0.1
-    parts = split(NAMES)
+    parts = split_scenes(NAMES)
     find, judge = gains(poses, PARTS["extrinsic_translation"], scenes=NAMES, parts=parts)
     nats = 0.5 * (0.1 / POSE_SD[0]) ** 2
     expected = [-3 * nats if name == "s0" else nats for name in (*parts.find, *parts.judge)]
@@ -155,5 +155,5 @@ def test_scenes_are_priced_by_what_the_others_say():
 
 def test_frames_of_one_drive_find_and_judge_in_turn():
     poses = np.full((9, 8), 0.1)
-    find, judge = gains(poses, PARTS["extrinsic_rotation"], scenes=["drive"] * 9, parts=split(NAMES))
+    find, judge = gains(poses, PARTS["extrinsic_rotation"], scenes=["drive"] * 9, parts=split_scenes(NAMES))
     assert (len(find), len(judge)) == (6, 3)

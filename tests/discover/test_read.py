@@ -78,7 +78,7 @@ def test_times_of_frames_that_are_read_later_count_from_the_same_moment(folders,
 def test_short_scenes_keep_their_frames_and_long_ones_are_thinned_evenly(long, short, most, monkeypatch):
     monkeypatch.setattr(read, "MOST_CELLS", most * 6 * 12)
     names = [f"{scene}{k:04d}" for scene, count in (("a", long), ("b", short), ("c", short)) for k in range(count)]
-    kept = read.thinned(names, [name[0] for name in names], grid=GRID)
+    kept = read.thin_frames(names, [name[0] for name in names], grid=GRID)
     assert len(kept) == min(most, len(names))
     assert kept == sorted(kept)
     assert sum(name[0] == "b" for name in kept) == min(short, most // 3)
@@ -89,7 +89,7 @@ def test_short_scenes_keep_their_frames_and_long_ones_are_thinned_evenly(long, s
 def test_more_scenes_than_frames_fit_give_one_frame_each(monkeypatch):
     monkeypatch.setattr(read, "MOST_CELLS", 20 * 6 * 12)
     names = [f"{k:04d}" for k in range(200)]
-    kept = read.thinned(names, [name[:3] for name in names], grid=GRID)
+    kept = read.thin_frames(names, [name[:3] for name in names], grid=GRID)
     assert [int(name) for name in kept] == list(range(5, 200, 10))
 
 

@@ -15,29 +15,29 @@ from jaxsim.discover.scenes import (
     mean_interval,
     p_value,
     ratio_interval,
-    split,
+    split_scenes,
 )
 
 NAMES = [f"drive {k}" for k in range(16)]
 
 
 def test_a_third_of_the_scenes_is_kept_for_judging_and_none_serves_twice():
-    parts = split(NAMES)
+    parts = split_scenes(NAMES)
     assert len(parts.judge) == 5
     assert sorted([*parts.find, *parts.judge]) == sorted(NAMES)
 
 
 def test_the_same_scenes_always_divide_alike():
-    assert split(NAMES) == split(NAMES[::-1])
+    assert split_scenes(NAMES) == split_scenes(NAMES[::-1])
 
 
 def test_the_hash_changes_with_the_division():
-    assert split(NAMES).sha256 != split(NAMES[:-1]).sha256
+    assert split_scenes(NAMES).sha256 != split_scenes(NAMES[:-1]).sha256
 
 
 def test_too_few_scenes_are_an_error_that_says_how_many_are_needed():
     with pytest.raises(ValueError, match=r"9 independent scenes; a verdict needs 10"):
-        split(NAMES[:9])
+        split_scenes(NAMES[:9])
 
 
 def test_frames_of_a_scene_are_fitted_or_held_out_together():
@@ -50,7 +50,7 @@ def test_frames_of_a_scene_are_fitted_or_held_out_together():
 
 def test_the_fewest_scenes_are_those_with_which_naming_can_pass_its_test():
     def best(scenes):
-        find = np.ones(len(split(NAMES[:scenes]).find))
+        find = np.ones(len(split_scenes(NAMES[:scenes]).find))
         return 2 * p_value(find)  # the better of two tests
 
     assert best(RULES.fewest_scenes) <= RULES.agreement_level

@@ -1,10 +1,12 @@
 """verdict.json holds plain values that JSON can say."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 
-from jaxsim.discover.verdict import Gap, Interval, Named, Verdict
+from jaxsim.discover.verdict import EveryFrame, Gap, Interval, Named, OddFrame, Verdict
+from tests.report import results
 
 
 def test_vectors_become_lists_and_what_is_not_finite_null(tmp_path):
@@ -32,3 +34,14 @@ def test_vectors_become_lists_and_what_is_not_finite_null(tmp_path):
     assert content["gap"]["intensity"]["not_worse"] is True
     assert content["moved"] == {"gain": [0.1, None]}
     assert content["seconds"] == 1.23
+
+
+def test_what_is_told_of_frames_that_were_not_read_is_null_where_all_were_read(tmp_path):
+    verdict = results.none().verdict
+    assert json.loads(verdict.save(tmp_path).read_text())["every_frame"] is None
+    gains = {"intensity": Interval(2.0, 1.0, float("nan"), "nats a frame")}
+    told = EveryFrame(10, 4, 2, gains, gains, gains, gains, (OddFrame("f1", "street1", -3.0),))
+    written = json.loads(replace(verdict, every_frame=told).save(tmp_path).read_text())["every_frame"]
+    assert (written["frames"], written["unseen"]) == (10, 2)
+    assert written["gained"]["intensity"] == {"value": 2.0, "low": 1.0, "high": None, "unit": "nats a frame"}
+    assert written["worst"] == [{"name": "f1", "scene": "street1", "nats": -3.0}]

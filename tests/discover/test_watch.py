@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.discover.watch import SECTORS, changes, measures, questions, watch_days
+from jaxsim.discover.watch import SECTORS, changes, measure_names, measures, watch_days
 from tests.discover.made_watch import GRID, day, drives, dying_beam
 
 ROWS, COLUMNS, SCENES = 8, 96, 10
@@ -31,7 +31,7 @@ def test_a_dying_beam_and_dirt_are_found_where_they_are_and_nothing_else(tmp_pat
 
 
 def test_unchanged_days_seldom_show_a_change():
-    names = questions(GRID)
+    names = measure_names(GRID)
     shown = [bool(changes(table(2 * k), table(2 * k + 1), names)) for k in range(40)]
     # One in twenty is what is promised; seven of forty would come once in two hundred times.
     assert sum(shown) < 7

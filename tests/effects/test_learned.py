@@ -10,7 +10,7 @@ import pytest
 
 from jaxsim.effects import all_rays
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.learned import TABLES, Learned, kind_of
+from jaxsim.effects.learned import TABLES, Learned, curve_kind
 from tests.effects.streets import clutter_of_everything
 
 WAVE = Learned("intensity", "curve", ("azimuth",), ((-0.5, 0.0, 0.4),), (0.1, -0.2, 0.3), (0.01, 0.02, 0.03))
@@ -75,9 +75,9 @@ def test_a_table_leaves_beams_that_it_does_not_hold(rays):
 
 def test_a_periodic_law_goes_on_across_the_end_of_the_turn(rays):
     knots = tuple(np.linspace(-3.0, 3.0, 12).tolist())
-    assert kind_of("azimuth", knots) == "periodic"
-    assert kind_of("azimuth", knots[:6]) == kind_of("range", knots) == "curve"
-    assert all(kind_of(name, (0.0, 1.0)) == "table" for name in TABLES)
+    assert curve_kind("azimuth", knots) == "periodic"
+    assert curve_kind("azimuth", knots[:6]) == curve_kind("range", knots) == "curve"
+    assert all(curve_kind(name, (0.0, 1.0)) == "table" for name in TABLES)
     law = Learned("intensity", "periodic", ("azimuth",), (knots,), (0.0, *(0.5,) * 10, 1.0), (0.0,) * 12)
     behind = replace(rays, azimuth_rad=jnp.full_like(rays.azimuth_rad, jnp.pi))
     hit = np.asarray(rays.hit)

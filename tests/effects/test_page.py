@@ -6,7 +6,7 @@ import pytest
 
 from jaxsim.cli import main
 from jaxsim.effects import EFFECTS
-from jaxsim.effects.page import page, table
+from jaxsim.effects.page import effects_table, page
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -19,7 +19,7 @@ def test_the_page_is_that_of_the_code():
 def test_the_list_has_a_line_for_each_effect(capsys):
     main(["effects"])
     printed = capsys.readouterr().out
-    assert printed.strip() == table()
+    assert printed.strip() == effects_table()
     assert [line.split()[0] for line in printed.splitlines()[1:]] == list(EFFECTS)
 
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from jaxsim.detect.results import Detected
-from jaxsim.evaluate.cloud_folder import AT_LIDAR, CloudFolder, cloud_files, read_points, write_detections
+from jaxsim.evaluate.cloud_folder import AT_LIDAR, CloudFolder, clouds_in, read_points, write_detections
 
 
 def test_broken_clouds_are_named(tmp_path):
     with pytest.raises(ValueError, match="there is no such folder"):
-        cloud_files(tmp_path / "none")
+        clouds_in(tmp_path / "none")
     with pytest.raises(ValueError, match=r"it holds no \.bin or \.npz"):
-        cloud_files(tmp_path)
+        clouds_in(tmp_path)
     (tmp_path / "a.bin").write_bytes(b"")
     with pytest.raises(ValueError, match=r"a\.bin is empty"):
         read_points(tmp_path / "a.bin")
@@ -23,15 +23,15 @@ def test_broken_clouds_are_named(tmp_path):
         read_points(tmp_path / "c.npz")
     np.savez(tmp_path / "a.npz", xyz=np.ones((4, 3)))
     with pytest.raises(ValueError, match="a twice"):
-        cloud_files(tmp_path)
+        clouds_in(tmp_path)
 
 
 def test_clouds_are_read_in_metres_with_their_intensity(tmp_path):
     points = np.float32([[1, 2, 3, 0.5], [4, 5, 6, 0.25]])
     points.tofile(tmp_path / "a.bin")
     np.savez(tmp_path / "b.npz", xyz=points[:, :3], intensity=points[:, 3])
-    assert [path.name for path in cloud_files(tmp_path)] == ["a.bin", "b.npz"]
-    for path in cloud_files(tmp_path):
+    assert [path.name for path in clouds_in(tmp_path)] == ["a.bin", "b.npz"]
+    for path in clouds_in(tmp_path):
         np.testing.assert_array_equal(read_points(path), points)
 
 

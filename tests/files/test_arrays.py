@@ -13,7 +13,7 @@ from numpy.lib import format as npy
 from jaxsim.data.clouds import read_cloud
 from jaxsim.data.polar_frames import read_frame
 from jaxsim.files import array_names, read_arrays, write_arrays
-from jaxsim.weights import ABOUT, fit, read_state_dict
+from jaxsim.weights import ABOUT, checked_arrays, read_state_dict
 
 ARRAYS = {"kernel": np.random.default_rng(0).normal(size=(40, 50)).astype(np.float32), "name": np.array("a")}
 
@@ -147,7 +147,7 @@ def test_what_is_no_archive_says_so(tmp_path, damage):
 )
 def test_weights_that_are_none_are_refused(value, message):
     with pytest.raises(ValueError, match=message):
-        fit({"w": value, ABOUT: np.array("{}")}, {"w": (2, 2)})
+        checked_arrays({"w": value, ABOUT: np.array("{}")}, {"w": (2, 2)})
 
 
 def test_headers_are_parsed_by_one_thread_at_a_time(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from jaxsim.data.kitti_depth import read_depth
+from jaxsim.data.kitti_depth import read_kitti_depth
 from jaxsim.data.kitti_files import read_image
 from jaxsim.data.vkitti2_files import read_indexed
 from jaxsim.files import read_pixels, write_image
@@ -42,7 +42,7 @@ def test_a_written_image_is_read_back_and_one_of_no_known_format_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
-@pytest.mark.parametrize("read", [read_image, read_depth, read_indexed])
+@pytest.mark.parametrize("read", [read_image, read_kitti_depth, read_indexed])
 @pytest.mark.parametrize("size", [(40000, 40000), (2**31 - 1, 1), (8193, 8192)])
 def test_a_png_of_40000_by_40000_is_refused_before_it_is_unpacked(tmp_path, read, size):
     (tmp_path / "a.png").write_bytes(huge(*size))

@@ -9,7 +9,7 @@ from jaxsim.config import RunConfig
 from jaxsim.data.kitti_files import read_labels, read_list, read_motion
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import check_keys, number, parse_json, parse_settings, read_json, read_text, real
+from jaxsim.files import check_keys, parse_json, parse_number, parse_settings, read_json, read_text, real
 from jaxsim.metrics.detection.files import frame_list, read_detections
 
 CAR = "Car 0.00 0 1.85 387.63 181.54 423.81 203.12 1.67 1.87 3.69 -16.53 2.39 58.49 1.57"
@@ -36,7 +36,7 @@ def test_text_of_another_encoding_is_named_with_its_line(tmp_path):
 @pytest.mark.parametrize("word", ["1_0", "١", "１０", "1,5", "", "0x1"])
 def test_what_python_alone_takes_for_a_number_is_none(tmp_path, word):
     with pytest.raises(ValueError):  # noqa: PT011
-        number(word, float, where="a file")
+        parse_number(word, float, where="a file")
     if word:
         (tmp_path / "0.txt").write_text(CAR.replace("58.49", word), encoding="utf-8")
         with pytest.raises(ValueError, match=r"0\.txt, line 1"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.polar_frames import frame_names, write_frame
-from jaxsim.evaluate.cloud_folder import cloud_files
+from jaxsim.evaluate.cloud_folder import clouds_in
 from jaxsim.evaluate.generation import open_folder
 from jaxsim.files import check_size, file_of, files_in, replacing, tidy, write_text
 from jaxsim.files.whole import SALT
@@ -20,7 +20,7 @@ def test_leftovers_of_a_kill_and_files_of_other_programs_are_no_frames(tmp_path)
     for name in (".4711.b.npz", ".4711.b.bin", ".4711.b.txt", "._a.npz", "._a.txt"):
         (tmp_path / name).write_bytes(b"half")
     assert [path.name for path in files_in(tmp_path, ".npz", ".bin")] == ["a.npz"]
-    assert frame_names(tmp_path) == [path.stem for path in cloud_files(tmp_path)] == ["a"]
+    assert frame_names(tmp_path) == [path.stem for path in clouds_in(tmp_path)] == ["a"]
     assert open_folder(tmp_path).names == ("a",)
     assert frames_with_results(tmp_path) == ["a"]
 

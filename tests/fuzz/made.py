@@ -30,8 +30,8 @@ from jaxsim.files import claim, read_entry, write_arrays
 from jaxsim.frame import Camera, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import preset
 from jaxsim.metrics.frechet import halves, load_halves, save_halves
-from jaxsim.pairs.prepared import cache_folder, fingerprint, prepared
-from jaxsim.pairs.shards import Made, read_note, write_shard
+from jaxsim.pairs.prepared import pairs_fingerprint, pairs_folder, prepared
+from jaxsim.pairs.shards import MadePair, read_note, write_shard
 from jaxsim.runs.kinds import DepthRun, DetectorRun, Run
 from jaxsim.runs.metrics_log import MetricsLog, read_metrics
 from jaxsim.runs.run import Checkpoints, load_run, start_run
@@ -39,14 +39,14 @@ from jaxsim.simulate.folder import claim_frames
 from jaxsim.studies.real2sim2real.charts import checked_kinds
 from jaxsim.studies.real2sim2real.scores import Scored
 from jaxsim.train.experiments import load_loop, read_experiment
-from jaxsim.weights import ABOUT, Converter, convert, fit, load_weights
+from jaxsim.weights import ABOUT, Converter, checked_arrays, convert, load_weights
 from tests.fuzz.reader import Reader, one
 
 _rng = np.random.default_rng(1)
 R, C = 4, 8
 GRID = PolarGrid(np.linspace(0.3, -0.3, C, dtype="f4"), np.linspace(0.1, -0.2, R, dtype="f4"), np.zeros(R, "f4"))
 SHAPES = {"a.weight": (3, 4), "a.bias": (4,)}
-CONVERTER = Converter("a network of two arrays", "it somewhere", lambda arrays: fit(arrays, SHAPES))
+CONVERTER = Converter("a network of two arrays", "it somewhere", lambda arrays: checked_arrays(arrays, SHAPES))
 WEIGHTS = {name: _rng.normal(size=shape).astype("f4") for name, shape in SHAPES.items()}
 TREE = {"step": np.int32(3), "w": _rng.normal(size=(16, 16)).astype("f4")}
 BOUNDS = {"range_m": (0.0, 1e4), "intensity": (0.0, 1.0), "xyz_m": (-1e4, 1e4)}
@@ -88,7 +88,7 @@ DATA, PREPARE = DataConfig(), PrepareConfig(inputs=("rgb", "depth"), columns=C)
 
 
 def _pairs(folder: Path) -> None:
-    target = folder / fingerprint(DATA, PREPARE)
+    target = folder / pairs_fingerprint(DATA, PREPARE)
     target.mkdir(parents=True)
     write_arrays(target / "000000.npz", example_of(_record(0)))
 
@@ -107,7 +107,7 @@ class _Gone:
 
 def _read_pairs(folder: Path) -> Any:
     (found,) = folder.iterdir()
-    wanted = cache_folder(DataConfig(cache=folder), PREPARE)
+    wanted = pairs_folder(DataConfig(cache=folder), PREPARE)
     assert found == wanted, "the settings of the cache have another name"
     pairs = prepared(_Gone(found), [0], DataConfig(cache=folder), prepare=PREPARE)
     return pairs.entries, pairs[0]
@@ -116,7 +116,7 @@ def _read_pairs(folder: Path) -> Any:
 def _set(folder: Path) -> None:
     place = folder / "jaxsim_pairs" / "synthetic" / "1.0.0"
     shard = Shard("train", 0, 1, (0, 1))
-    made = [Made(serialized(example_of(_record(k))), f"f{k}", "x", (R, C), labelled=False) for k in (0, 1)]
+    made = [MadePair(serialized(example_of(_record(k))), f"f{k}", "x", (R, C), labelled=False) for k in (0, 1)]
     write_shard(shard, place, made)
     note = read_note(shard, place)
     assert note is not None

@@ -12,7 +12,7 @@ import numpy as np
 from jaxsim.data.clouds import read_cloud, read_scan
 from jaxsim.data.kitti import KittiObject, KittiRaw
 from jaxsim.data.kitti_depth import KittiDepth
-from jaxsim.data.kitti_depth import read_depth as read_kitti_depth
+from jaxsim.data.kitti_depth import read_kitti_depth as read_kitti_depth
 from jaxsim.data.kitti_files import (
     object_camera,
     object_rect_from_velo,

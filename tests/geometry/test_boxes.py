@@ -17,7 +17,7 @@ from jaxsim.geometry.boxes import (
     nms_bev,
     pair_overlap,
     points_in_boxes,
-    wrapped,
+    wrapped_heading,
 )
 from tests.geometry.kitti_scans import OBJECT, points
 
@@ -223,9 +223,9 @@ def test_labels_go_to_the_lidar_and_back():
 
 def test_angles_that_need_no_turn_are_left_as_they_are():
     angle = np.array([-np.pi, -1e-30, 3.0, 3.5, 100.0])
-    assert (wrapped(angle)[:3] == angle[:3]).all()
-    assert np.exp(1j * wrapped(angle)) == pytest.approx(np.exp(1j * angle))
-    assert (np.abs(wrapped(angle)) <= np.pi).all()
+    assert (wrapped_heading(angle)[:3] == angle[:3]).all()
+    assert np.exp(1j * wrapped_heading(angle)) == pytest.approx(np.exp(1j * angle))
+    assert (np.abs(wrapped_heading(angle)) <= np.pi).all()
 
 
 def test_boxes_of_kitti_frames_hold_the_points_of_their_objects(samples):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import jensenshannon
 
-from jaxsim.metrics.bev import COUNTS, SQUARED_DISTANCES, counts, jensen_shannon, mmd, spherical_image
+from jaxsim.metrics.bev import COUNTS, SQUARED_DISTANCES, cell_counts, jensen_shannon, mmd, spherical_image
 from tests.metrics.made_generation import clouds
 
 
@@ -39,7 +39,7 @@ def test_jsd_and_mmd_equal_the_published_values(published):
 def test_counts_are_those_of_numpy_s_histogram():
     cloud = clouds(0, 2, 4000)
     valid = np.random.default_rng(1).random((2, 4000)) < 0.8
-    got = np.asarray(counts(cloud, valid))
+    got = np.asarray(cell_counts(cloud, valid))
     for k in range(2):
         distance = np.linalg.norm(cloud[k], axis=1)
         kept = cloud[k][valid[k] & (distance > 3) & (distance < 70)]

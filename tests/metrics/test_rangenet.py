@@ -9,7 +9,7 @@ from jaxsim.metrics.rangenet import (
     MEANS,
     _chosen,
     decoder_map,
-    folded,
+    fold_batch_norm,
     load_rangenet,
     network_image,
     published_shapes,
@@ -86,7 +86,7 @@ def slow(arrays, image):
 def test_the_decoder_s_map_equals_the_slow_program_s():
     arrays = drawn(0)
     image = np.random.default_rng(1).standard_normal((1, 4, 64, 5)).astype(np.float32)
-    got = np.asarray(decoder_map(folded(arrays, WIDTH, BLOCKS), image, blocks=BLOCKS))
+    got = np.asarray(decoder_map(fold_batch_norm(arrays, WIDTH, BLOCKS), image, blocks=BLOCKS))
     want = slow(arrays, image[0].transpose(2, 0, 1).astype(float))
     assert np.abs(want).max() > 0.1
     np.testing.assert_allclose(got[0].transpose(2, 0, 1), want, rtol=1e-3, atol=1e-4 * np.abs(want).max())

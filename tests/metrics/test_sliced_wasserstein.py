@@ -9,8 +9,8 @@ from scipy.stats import wasserstein_distance
 from jaxsim.metrics.sliced_wasserstein import (
     _standardised,
     laplacian_pyramid,
-    levels_of,
     patches_at,
+    pyramid_levels,
     sliced,
     sliced_wasserstein,
 )
@@ -39,7 +39,7 @@ def test_the_pyramid_equals_one_made_with_scipy():
     got = laplacian_pyramid(image[None, ..., None], levels=3)
     for level, want in zip(got, pyramid_by_scipy(image.astype(float), 3), strict=True):
         np.testing.assert_allclose(np.asarray(level)[0, ..., 0], want, atol=1e-5)
-    assert [levels_of(*size) for size in ((64, 512), (44, 372), (16, 16))] == [3, 2, 1]
+    assert [pyramid_levels(*size) for size in ((64, 512), (44, 372), (16, 16))] == [3, 2, 1]
 
 
 def test_a_slice_s_distance_is_scipy_s_wasserstein_distance():

@@ -6,22 +6,22 @@ import pytest
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
-from jaxsim.pairs.prepared import cache_folder, prepared
+from jaxsim.pairs.prepared import pairs_folder, prepared
 
 PREPARE = PrepareConfig(inputs=("rgb", "depth"), columns=64)
 
 
 def test_pairs_are_shared_by_settings_that_do_not_change_them_and_by_no_others():
     data = DataConfig()
-    folder = cache_folder(data, PREPARE)
-    assert folder == cache_folder(replace(data, train="7"), replace(PREPARE, inputs=("row",), network_size=(32, 64)))
-    labelled = cache_folder(data, replace(PREPARE, inputs=("edges",)))
-    assert labelled == cache_folder(data, replace(PREPARE, inputs=("rgb", "semantic")))
+    folder = pairs_folder(data, PREPARE)
+    assert folder == pairs_folder(replace(data, train="7"), replace(PREPARE, inputs=("row",), network_size=(32, 64)))
+    labelled = pairs_folder(data, replace(PREPARE, inputs=("edges",)))
+    assert labelled == pairs_folder(data, replace(PREPARE, inputs=("rgb", "semantic")))
     others = [
-        cache_folder(replace(data, seed=1), PREPARE),
-        cache_folder(data, replace(PREPARE, columns=65)),
-        cache_folder(data, replace(PREPARE, denoise="non_local_means")),
-        cache_folder(replace(data, kind="kitti_raw", root=Path("a")), PREPARE),
+        pairs_folder(replace(data, seed=1), PREPARE),
+        pairs_folder(data, replace(PREPARE, columns=65)),
+        pairs_folder(data, replace(PREPARE, denoise="non_local_means")),
+        pairs_folder(replace(data, kind="kitti_raw", root=Path("a")), PREPARE),
         labelled,
     ]
     assert len({folder, *others}) == 6
@@ -31,7 +31,7 @@ def test_a_pair_is_made_once_and_read_as_it_was_made(tmp_path):
     data = DataConfig(cache=tmp_path)
     world = open_dataset("synthetic")
     first = prepared(world, [3], data, prepare=PREPARE)
-    (file,) = cache_folder(data, PREPARE).iterdir()
+    (file,) = pairs_folder(data, PREPARE).iterdir()
     assert first.keys == [f"{file.parent.name}/{file.stem}"]
     stamp = file.stat().st_mtime_ns
     again = prepared(world, [3], data, prepare=PREPARE)
@@ -57,7 +57,7 @@ def test_a_damaged_file_of_the_cache_is_named(samples, tmp_path):
     data = DataConfig(kind="kitti_raw", root=samples / "kitti_raw", cache=tmp_path)
     plain = replace(PREPARE, depth="ip_basic_fast")
     prepared(open_dataset(data), [0], data, prepare=plain)
-    (file,) = cache_folder(data, plain).iterdir()
+    (file,) = pairs_folder(data, plain).iterdir()
     file.write_bytes(file.read_bytes()[:-500])
     with pytest.raises(ValueError, match=r"000000\.npz is no readable .*; delete it"):
         prepared(open_dataset(data), [0], data, prepare=plain)

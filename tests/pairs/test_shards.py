@@ -6,7 +6,7 @@ import pytest
 
 from jaxsim.data import open_dataset
 from jaxsim.data.tfds_builder import Shard
-from jaxsim.pairs.shards import Job, make_all, read_note
+from jaxsim.pairs.shards import PairJob, make_all, read_note
 from tests.data.made_prepared_set import PREPARE, kitti
 
 RIGHT = {"bytes": 3, "names": ["a"], "scenes": ["x"], "windows": [[4, 8]], "labelled": [True]}
@@ -27,6 +27,6 @@ def test_a_note_whose_columns_are_none_is_refused(tmp_path, change):
 
 @pytest.mark.slow  # tests/cli/test_prepare.py shows as much on its way
 def test_many_processes_make_the_records_that_one_makes_in_order(raw_root):
-    job = Job(kitti(raw_root), PREPARE, open_dataset(kitti(raw_root)).spec, scan=True)
+    job = PairJob(kitti(raw_root), PREPARE, open_dataset(kitti(raw_root)).spec, scan=True)
     positions = [2, 0, 1, 0, 2] * 3
     assert list(make_all(job, positions, workers=2)) == list(make_all(job, positions, workers=1))

@@ -8,7 +8,7 @@ from flax import nnx
 
 from jaxsim.config import GeneratorConfig
 from jaxsim.pix2pix import layers
-from jaxsim.pix2pix.layers import fold_spectral_norm, instance_norm, spectral_norm, unit
+from jaxsim.pix2pix.layers import fold_spectral_norm, instance_norm, spectral_norm, unit_length
 from jaxsim.pix2pix.networks import Generator
 from jaxsim.pix2pix.steps import generator_definition, join, split
 from tests.quick import quick_jit
@@ -45,7 +45,7 @@ def test_instance_norm_and_its_gradients_are_those_of_the_formula(monkeypatch, o
 def test_power_iterations_find_the_largest_singular_value():
     random = np.random.default_rng(2)
     kernel = random.standard_normal((3, 3, 4, 6)).astype(np.float32)
-    left, right = (unit(random.standard_normal(n).astype(np.float32)) for n in (6, 36))
+    left, right = (unit_length(random.standard_normal(n).astype(np.float32)) for n in (6, 36))
     for _ in range(100):
         sigma, left, right = spectral_norm(kernel, left, right, advance=True)
     np.testing.assert_allclose(sigma, np.linalg.svd(kernel.reshape(36, 6))[1][0], rtol=1e-5)
@@ -54,7 +54,7 @@ def test_power_iterations_find_the_largest_singular_value():
 def test_gradient_of_spectral_norm_flows_through_the_kernel_alone():
     random = np.random.default_rng(3)
     kernel = random.standard_normal((1, 1, 4, 3)).astype(np.float32)
-    left, right = (unit(random.standard_normal(n).astype(np.float32)) for n in (3, 4))
+    left, right = (unit_length(random.standard_normal(n).astype(np.float32)) for n in (3, 4))
     gradient = jax.grad(lambda k: spectral_norm(k, left, right, advance=True)[0])(kernel)
     _, left, right = spectral_norm(kernel, left, right, advance=True)
     np.testing.assert_allclose(gradient[0, 0], np.outer(right, left), atol=1e-6)
@@ -63,7 +63,7 @@ def test_gradient_of_spectral_norm_flows_through_the_kernel_alone():
 def test_eval_mode_leaves_the_vectors_alone():
     random = np.random.default_rng(4)
     kernel = random.standard_normal((1, 1, 4, 3)).astype(np.float32)
-    given = tuple(unit(random.standard_normal(n).astype(np.float32)) for n in (3, 4))
+    given = tuple(unit_length(random.standard_normal(n).astype(np.float32)) for n in (3, 4))
     _, *kept = spectral_norm(kernel, *given)
     for a, b in zip(given, kept, strict=True):
         np.testing.assert_array_equal(a, b)

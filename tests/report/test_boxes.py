@@ -5,7 +5,7 @@ import pytest
 
 from jaxsim.data import KittiObject
 from jaxsim.detect.results import Detected
-from jaxsim.detect.scenes import scene_of
+from jaxsim.detect.scenes import scene_of_frame
 from jaxsim.report import detection_picture, draw_above, draw_on_image
 from jaxsim.report.boxes import FOUND, LABEL
 
@@ -58,7 +58,7 @@ def is_drawn(picture, at, colour, *, within=1):
 @pytest.mark.parametrize("number", FRAMES)
 def test_labels_are_drawn_where_their_corners_project(kitti, samples, number):
     frame, (p2, _) = kitti[number], matrices(samples, number)
-    scene = scene_of(frame, "Car", in_image=True)
+    scene = scene_of_frame(frame, "Car", in_image=True)
     image = np.asarray(frame.camera.rgb)
 
     def drawn(background):
@@ -84,7 +84,7 @@ def test_labels_are_drawn_where_their_corners_project(kitti, samples, number):
 
 def test_what_is_found_is_orange_and_a_box_behind_the_camera_is_not_drawn(kitti):
     frame = kitti[1]
-    scene = scene_of(frame, "Car", in_image=True)
+    scene = scene_of_frame(frame, "Car", in_image=True)
     image, score = np.zeros_like(np.asarray(frame.camera.rgb)), np.array([0.87, 0.5])
     behind = scene.boxes[0] * np.float32([-1, 1, 1, 1, 1, 1, 1])
     picture = draw_on_image(image, scene.view, detected=np.stack([scene.boxes[0], behind]), score=score)
@@ -98,7 +98,7 @@ def test_what_is_found_is_orange_and_a_box_behind_the_camera_is_not_drawn(kitti)
 
 @pytest.mark.parametrize("number", FRAMES)
 def test_from_above_the_corners_and_the_line_to_the_front_lie_where_the_labels_say(kitti, samples, number):
-    scene = scene_of(kitti[number], "Car", in_image=True)
+    scene = scene_of_frame(kitti[number], "Car", in_image=True)
     height = 1408
     picture = draw_above(
         scene.points[:0], RANGE_M, detected=NOTHING, score=np.zeros(0), labelled=scene.boxes, height=height
@@ -117,7 +117,7 @@ def test_from_above_the_corners_and_the_line_to_the_front_lie_where_the_labels_s
 
 def test_points_are_where_they_are_and_only_targets_count_as_labelled(kitti):
     """Frame 1 has a car, a truck and a cyclist: the picture of a car detector shows the car alone."""
-    scene = scene_of(kitti[1], "Car", in_image=True)
+    scene = scene_of_frame(kitti[1], "Car", in_image=True)
     found = Detected(np.zeros((0, 7), np.float32), np.zeros(0, np.float32))
     picture = detection_picture(scene, found, RANGE_M, title="")
     only = draw_above(

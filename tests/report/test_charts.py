@@ -11,8 +11,8 @@ from jaxsim.report.charts import (
     colour_limit,
     curve_chart,
     diverging,
+    draw_maps,
     interval_chart,
-    residual_maps,
     ticks,
 )
 from tests.report import results
@@ -20,7 +20,7 @@ from tests.report import results
 
 def test_before_and_after_share_one_colour_scale():
     weak, strong = np.full((4, 6), 0.1), np.full((4, 6), 0.4)
-    chart = residual_maps([("before", strong), ("after", weak)], results.grid(), unit="m")
+    chart = draw_maps([("before", strong), ("after", weak)], results.grid(), unit="m")
     assert chart is not None
     svg = chart.svg("maps")
     assert svg.index(data_uri(diverging(strong, 0.4))) < svg.index(data_uri(diverging(weak, 0.4)))
@@ -62,7 +62,7 @@ def test_a_chart_without_a_finite_value_is_none():
     labels = {"x_label": "x", "y_label": "y"}
     assert curve_chart(x, [("before", nothing, "#000000")], np.zeros(4), **labels) is None
     assert interval_chart([Interval(np.nan, np.nan, np.nan, "m")], neutral=0.0, **labels) is None
-    assert residual_maps([("before", np.full((2, 3), np.nan))], results.grid(), unit="m") is None
+    assert draw_maps([("before", np.full((2, 3), np.nan))], results.grid(), unit="m") is None
 
 
 def test_categories_are_points_with_bars_and_lines_break_at_gaps():

@@ -3,7 +3,7 @@
 import pytest
 from markupsafe import Markup
 
-from jaxsim.report.page import NOTHING, bar_cell, file_name, paragraph, table, together, whole_page
+from jaxsim.report.page import NOTHING, bar_cell, file_name, join_parts, paragraph, table, whole_page
 
 
 def test_words_are_escaped_and_markup_is_not():
@@ -12,7 +12,7 @@ def test_words_are_escaped_and_markup_is_not():
     assert "&lt;name&gt;" in html
     assert '<td class="t"><b>x</b></td><td>1</td>' in html
     assert '<td class="t">&lt;b&gt;y&lt;/b&gt;</td>' in html
-    assert together([paragraph("<i>"), "<i>"]) == "<p>&lt;i&gt;</p>&lt;i&gt;"
+    assert join_parts([paragraph("<i>"), "<i>"]) == "<p>&lt;i&gt;</p>&lt;i&gt;"
 
 
 def test_a_row_of_another_length_is_refused():

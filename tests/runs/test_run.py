@@ -12,7 +12,7 @@ from jaxsim.config import Experiment
 from jaxsim.files import unlock
 from jaxsim.frame import Camera, CameraFrame
 from jaxsim.geometry import preset
-from jaxsim.runs.run import describe, load_run, start_run
+from jaxsim.runs.run import describe_run, load_run, start_run
 
 CAMERA = Camera(np.eye(3, dtype=np.float32), np.eye(4, dtype=np.float32))
 VIEW = CameraFrame(np.zeros((375, 1242, 3), np.uint8), CAMERA)
@@ -21,7 +21,7 @@ VIEW = CameraFrame(np.zeros((375, 1242, 3), np.uint8), CAMERA)
 def run(**changes):
     experiment = Experiment()
     optim = dataclasses.replace(experiment.optim, **changes)
-    return describe(dataclasses.replace(experiment, optim=optim), preset("hdl64e"), VIEW)
+    return describe_run(dataclasses.replace(experiment, optim=optim), preset("hdl64e"), VIEW)
 
 
 def test_what_is_saved_is_loaded(tmp_path):
@@ -99,7 +99,7 @@ def test_a_folder_that_was_deleted_is_locked_anew(tmp_path):
 
 def test_a_moved_run_resumes(tmp_path):
     settings = dataclasses.replace(Experiment().run, name="a", out=tmp_path / "one")
-    first = describe(dataclasses.replace(Experiment(), run=settings), preset("hdl64e"), VIEW)
+    first = describe_run(dataclasses.replace(Experiment(), run=settings), preset("hdl64e"), VIEW)
     start_run(tmp_path / "one" / "a", first)
     unlock(tmp_path / "one" / "a")
     (tmp_path / "one" / "a").rename(tmp_path / "b")

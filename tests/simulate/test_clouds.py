@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export
-from jaxsim.cli.source import Source
+from jaxsim.cli.source import DataSource
 from jaxsim.config import CloudRecipe
 from jaxsim.data import KittiObject
 from jaxsim.data.vkitti2 import VirtualKitti2
-from jaxsim.detect.scenes import scene_of
+from jaxsim.detect.scenes import scene_of_frame
 from jaxsim.effects.chain import SensorModel
 from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
@@ -26,7 +26,7 @@ from tests.cloud import openpcdet_rules as rules
 def export(virtual, tmp_path_factory):
     def export(**settings) -> Path:
         out = tmp_path_factory.mktemp("tree")
-        data = Source("vkitti2", root=virtual.root, scenes=("Scene01",), lidar=settings.pop("lidar", None))
+        data = DataSource("vkitti2", root=virtual.root, scenes=("Scene01",), lidar=settings.pop("lidar", None))
         Export(out=out, data=data, frames="0-1", **settings)()
         return out
 
@@ -84,7 +84,7 @@ def test_levels_are_kittis_or_none_is_visible_or_the_papers_fraction(export, tre
     for name in ("centre_m", "size_m", "yaw_rad", "bbox_px", "truncated", "kind"):
         assert np.array_equal(getattr(frame.boxes, name), getattr(plain.boxes, name)), name
     # A detector trains on such a scene: nothing in it is easy, and what is large enough in the image is moderate.
-    difficulty = scene_of(frame, "Car", in_image=True).difficulty
+    difficulty = scene_of_frame(frame, "Car", in_image=True).difficulty
     assert set(difficulty.tolist()) <= {-1, 1, 2}
     assert 1 in difficulty
     # No object is wholly visible, none unseen: whatever its height, none is easy, and none is beyond moderate.

@@ -13,7 +13,7 @@ from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import CameraFrame
 from jaxsim.geometry import camera_at_lidar, preset, window_grid
 from jaxsim.prepare import paint, paint_raster, shrink
-from jaxsim.runs.run import describe
+from jaxsim.runs.run import describe_run
 from jaxsim.simulate.predict import camera_intensity, check_field_of_view, check_image, simulate_unprojected
 
 K = np.array([[60.0, 0, 63.5], [0, 60.0, 19.5], [0, 0, 1]], np.float32)
@@ -84,7 +84,7 @@ def test_a_batch_is_simulated_as_its_views_are():
 def run():
     """Trained on KITTI's camera 2."""
     camera = kitti_camera()
-    return describe(Experiment(), preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), camera))
+    return describe_run(Experiment(), preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), camera))
 
 
 @pytest.mark.parametrize("size", [(375, 1242), (370, 1224), (374, 1238), (370, 1226), (376, 1241)])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export
-from jaxsim.cli.source import Source
+from jaxsim.cli.source import DataSource
 from jaxsim.cloud.kitti_tree import files_of
 from jaxsim.config import CloudRecipe
 from jaxsim.data import KittiObject
@@ -89,8 +89,8 @@ def test_a_clusters_workers_write_the_files_of_the_plain_command(tmp_path, six, 
 def test_frames_of_another_folder_or_read_by_other_rows_are_not_added(tmp_path, six):
     settings = {"out": tmp_path / "out", "recipe": CloudRecipe(source="measured")}
 
-    def kitti(folder: Path, **more) -> Source:
-        return Source("kitti_object", root=folder, **more)
+    def kitti(folder: Path, **more) -> DataSource:
+        return DataSource("kitti_object", root=folder, **more)
 
     Export(**settings, data=kitti(tmp_path / "a"), frames="0")()
     Export(**settings, data=kitti(tmp_path / "b" / ".." / "a"), frames="0")()
@@ -195,7 +195,10 @@ def test_a_split_within_a_scene_is_warned_of(tmp_path, six, capsys):
 
 
 def test_kittis_own_frames_are_copied_without_those_that_hold_nothing(tmp_path, samples):
-    settings = {"data": Source("kitti_object", root=samples / "kitti_object"), "recipe": CloudRecipe(source="measured")}
+    settings = {
+        "data": DataSource("kitti_object", root=samples / "kitti_object"),
+        "recipe": CloudRecipe(source="measured"),
+    }
     Export(out=tmp_path, **settings)()
     source, copy = KittiObject(samples / "kitti_object"), KittiObject(tmp_path)
     assert len(copy) == 3
@@ -210,7 +213,7 @@ def test_labels_without_their_calibration_are_told(tmp_path, samples):
     folder = tmp_path / "source" / "training"
     for name in ("velodyne", "image_2", "label_2"):
         shutil.copytree(samples / "kitti_object/training" / name, folder / name)
-    settings = {"data": Source("kitti_object", root=folder.parent), "recipe": CloudRecipe(source="measured")}
+    settings = {"data": DataSource("kitti_object", root=folder.parent), "recipe": CloudRecipe(source="measured")}
     with pytest.raises(ValueError, match=r"there is no .*calib/000000.txt"):
         Export(out=tmp_path / "out", frames="0", **settings)()
 
@@ -220,7 +223,9 @@ def test_the_embedded_worlds_boxes_hold_their_points_from_the_camera_and_from_th
     for lidar in ("kitti", "camera"):
         for source in ("depth", "measured"):
             out = tmp_path / f"{lidar}_{source}"
-            Export(out=out, frames="0-4:4", data=Source("synthetic", lidar=lidar), recipe=CloudRecipe(source=source))()
+            Export(
+                out=out, frames="0-4:4", data=DataSource("synthetic", lidar=lidar), recipe=CloudRecipe(source=source)
+            )()
             held = 0
             for frame in rules.accept(out).values():
                 for box, thing in zip(frame["boxes"], frame["objects"], strict=True):

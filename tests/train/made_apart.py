@@ -11,7 +11,7 @@ from jaxsim.config import Experiment, GeneratorConfig, LossConfig, OptimConfig, 
 from jaxsim.frame import Camera, CameraFrame
 from jaxsim.geometry import preset
 from jaxsim.pix2pix import create_state
-from jaxsim.runs.run import Checkpoints, describe, start_run
+from jaxsim.runs.run import Checkpoints, describe_run, start_run
 
 VIEW = CameraFrame(
     np.zeros((375, 1242, 3), np.uint8),
@@ -30,7 +30,7 @@ def trained_apart(folder: Path, seed: int, *, step: int = 5, **changes) -> Path:
     """A run at a step, with the state that its seed begins with."""
     run = RunConfig(name=folder.name, out=folder.parent, seed=seed)
     experiment = replace(EXPERIMENT, run=run, **changes)
-    start_run(folder, describe(experiment, preset("hdl64e"), VIEW))
+    start_run(folder, describe_run(experiment, preset("hdl64e"), VIEW))
     state = create_state(experiment, CHANNELS, seed).replace(step=jnp.int32(step))
     Checkpoints(folder).save(step, state=state, generator=state.ema)
     return folder

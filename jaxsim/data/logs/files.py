@@ -14,7 +14,7 @@ import numpy as np
 from jaxsim.data import carla
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading, scan_of_fields
-from jaxsim.files import check_size, files_in, need, number, read_json
+from jaxsim.files import check_size, files_in, need, parse_number, read_json
 from jaxsim.geometry import LidarSpec
 from jaxsim.geometry.points import FAR_M
 
@@ -211,7 +211,7 @@ def _attribute(
 ) -> float:
     """A number of the attributes. Raises ValueError where it is none, or outside of `span`."""
     low, high = span
-    value = number(about.get(key, str(default)), float, where=f"carla: {where}: {key}")
+    value = parse_number(about.get(key, str(default)), float, where=f"carla: {where}: {key}")
     if not low <= value <= high:
         raise ValueError(f"carla: {where}: {key} is {value:g}; it must lie in {low:g}..{high:g}")
     return value

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.data.logs.gridding import FIRST, Sensor, sensor_of, to_sweep
-from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, named
+from jaxsim.data.logs.gridding import FIRST, Sensor, infer_sensor, to_sweep
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, naming_log
 from jaxsim.data.polar_frames import Announced, about_frame, read_grid, write_frame
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import claim, file_of, parse_json, read_json, write_text
@@ -95,7 +95,7 @@ def write_log(
             if item.name in announced.frames and file_of(out, item.name, ".npz", by="frames").is_file():
                 already += 1
                 continue
-            with named(kind, path):
+            with naming_log(kind, path):
                 scan = item.read()
                 sweep = _sweep(scan, sensor, grid, options=options, by=kind)
             is_partial = isinstance(scan, LogScan) and scan.is_partial
@@ -139,12 +139,12 @@ def _begin(
             None if sensor_before is None else Sensor.from_json(sensor_before, grid, where=f"frames: {record}"),
             items,
         )
-    with named(by, Path(made["log"])):
+    with naming_log(by, Path(made["log"])):
         first = [(item, item.read()) for item in islice(items, FIRST)]
         if not first:
             raise ValueError(f"{by}: {made['log']} holds no scan")
         scans = [scan for _, scan in first if isinstance(scan, LogScan)]
-        sensor = sensor_of([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
+        sensor = infer_sensor([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
     grid = sensor.grid if sensor else next(scan.grid for _, scan in first if isinstance(scan, Sweep))
     write_text(record, json.dumps(made | {"sensor": sensor.to_json() if sensor else None}, indent=1))
     again = (Item(item.name, lambda scan=scan: scan) for item, scan in first)

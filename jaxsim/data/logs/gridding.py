@@ -16,7 +16,7 @@ from jaxsim.data.sweeps import Sweep
 from jaxsim.files import parse_settings, placed
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import preset, rows_by_elevation
-from jaxsim.geometry.beams import Beams, NoBeams, assign_columns, beams_of_rings, columns_of, rings_by_elevation
+from jaxsim.geometry.beams import Beams, NoBeams, assign_columns, beams_of_rings, column_azimuths, rings_by_elevation
 from jaxsim.geometry.mount import fit_mount
 from jaxsim.geometry.points import FAR_M
 
@@ -87,7 +87,7 @@ class _Kept:
     off_deg: float
 
 
-def sensor_of(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> Sensor:
+def infer_sensor(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> Sensor:
     """The sensor of a log, from its first scans. Raises ValueError where the points do not tell it, saying what
     does."""
     scale = options.full_scale or _full_scale(scans)
@@ -133,7 +133,7 @@ def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
     sizes = [len(p.xyz_m) for p in parts]
     fullest = int(np.argmax(sizes))
     one = slice(sum(sizes[:fullest]), sum(sizes[: fullest + 1]))
-    own = columns_of(azimuth[one], beams.rows_of(ring[one]), columns=options.columns or first.columns)
+    own = column_azimuths(azimuth[one], beams.rows_of(ring[one]), columns=options.columns or first.columns)
     grid = PolarGrid(own.astype(np.float32), beams.elevation_rad.astype(np.float32), beams.origin_m.astype(np.float32))
     return Sensor(beams, grid, scale, pose, axis)
 

@@ -22,13 +22,13 @@ from jaxsim.files import array_names, files_in
 def range_image_items(path: Path, options: LogOptions) -> Iterator[Item]:
     """The images of a folder, each a scene of its own, or one file."""
     files = [path] if path.is_file() else range_image_files(path)
-    ids = classes_of(options.classes)
+    ids = class_ids(options.classes)
     read = partial(_read, scale=options.full_scale or intensity_scale(files), ids=ids)
     for file in files:
         yield Item(file.stem, partial(read, file))
 
 
-def classes_of(text: str) -> Int[np.ndarray, " 256"] | None:
+def class_ids(text: str) -> Int[np.ndarray, " 256"] | None:
     """Cityscapes ids by the number of a class, -1 for numbers without one; None for "". Raises ValueError for what is
     no class."""
     if not text:

@@ -134,7 +134,7 @@ def reading(by: str, path: Path, hint: str) -> Iterator[None]:
     for file in path.iterdir() if path.is_dir() else (path,):
         if not file.is_dir():
             check_size(file, by=by)
-    with named(by, path):
+    with naming_log(by, path):
         try:
             yield
         except (ValueError, ModuleNotFoundError) as error:
@@ -146,7 +146,7 @@ def reading(by: str, path: Path, hint: str) -> Iterator[None]:
 
 
 @contextmanager
-def named(by: str, path: Path) -> Iterator[None]:
+def naming_log(by: str, path: Path) -> Iterator[None]:
     """In the block a ValueError names the log: of what is wrong with a scan's values the scan alone is known."""
     try:
         yield

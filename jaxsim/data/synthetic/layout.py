@@ -13,13 +13,13 @@ import numpy as np
 
 from jaxsim.data.synthetic import things
 from jaxsim.data.synthetic.light import Light
-from jaxsim.data.synthetic.solids import FROM_M, TO_M, Parts, Plan, Thing, gather
+from jaxsim.data.synthetic.solids import FROM_M, TO_M, Parts, Plan, Thing, gather_solids
 from jaxsim.data.synthetic.street import SIDE_STREETS, Street
 from jaxsim.data.synthetic.things import CAR_SHAPES, car, cyclist, pedestrian, truck
 
 
 @dataclass(frozen=True)
-class Statistics:
+class StreetStatistics:
     """Chances and shares that a street is drawn with."""
 
     parking: float = 0.65
@@ -41,7 +41,7 @@ class Statistics:
 
 
 AFTER_RAIN = 0.4
-_SUBURB = Statistics(
+_SUBURB = StreetStatistics(
     parking=0.35,
     parked=(0.3, 0.7),
     urban=0.15,
@@ -51,15 +51,15 @@ _SUBURB = Statistics(
     bodies=(0.15, 0.3, 0.1, 0.35, 0.1),
 )
 STATISTICS = {
-    "town": Statistics(),
+    "town": StreetStatistics(),
     "suburb": _SUBURB,
-    "wet_town": Statistics(wet=AFTER_RAIN),
+    "wet_town": StreetStatistics(wet=AFTER_RAIN),
     "wet_suburb": replace(_SUBURB, wet=AFTER_RAIN),
 }
 """By the name that `DataConfig.streets` takes."""
 
 
-def _vehicle(rng: np.random.Generator, statistics: Statistics, *, trucks: float):
+def _vehicle(rng: np.random.Generator, statistics: StreetStatistics, *, trucks: float):
     """A model, its size and KITTI's name of it."""
     if rng.random() < trucks:
         return (*truck(rng), "Truck")
@@ -68,7 +68,7 @@ def _vehicle(rng: np.random.Generator, statistics: Statistics, *, trucks: float)
     return (*car(rng, shape), shape.kind)
 
 
-def park_along(plan: Plan, statistics: Statistics) -> None:
+def park_along(plan: Plan, statistics: StreetStatistics) -> None:
     """Parks cars along both kerbs, clear of side streets and of the crossing."""
     rng, half = plan.rng, float(plan.street.half_width_m)
     share = float(rng.uniform(*statistics.parked))
@@ -87,7 +87,7 @@ def park_along(plan: Plan, statistics: Statistics) -> None:
                 plan.place((middle, off), model, turn=turn, kind=kind, size_m=size)
 
 
-def park_in_side_streets(plan: Plan, statistics: Statistics) -> None:
+def park_in_side_streets(plan: Plan, statistics: StreetStatistics) -> None:
     """Parks a car in every side street."""
     rng, street = plan.rng, plan.street
     for i in range(SIDE_STREETS):
@@ -98,7 +98,7 @@ def park_in_side_streets(plan: Plan, statistics: Statistics) -> None:
             plan.place((x, off), model, turn=np.pi / 2, kind=kind, size_m=size, z_m=0.0)
 
 
-def drive_along(plan: Plan, statistics: Statistics, *, lane_m: float, ego_mps: float) -> None:
+def drive_along(plan: Plan, statistics: StreetStatistics, *, lane_m: float, ego_mps: float) -> None:
     """Vehicles ahead of the ego car and behind it, oncoming ones, and cyclists; lanes are `lane_m` wide."""
     rng = plan.rng
     ahead = float(rng.uniform(9, 26)) + ego_mps
@@ -191,10 +191,10 @@ def lay_out(seed: int, drive: int, streets: str = "town") -> Drive:
     drive_along(plan, statistics, lane_m=lane, ego_mps=speed)
     walk(plan, urban=bool(urban))
     things = tuple(plan.things)
-    return Drive(plan.street, light, things, gather(things), ego, speed)
+    return Drive(plan.street, light, things, gather_solids(things), ego, speed)
 
 
-def _street(rng: np.random.Generator, statistics: Statistics) -> Street:
+def _street(rng: np.random.Generator, statistics: StreetStatistics) -> Street:
     parking = rng.random() < statistics.parking
     half = rng.uniform(3.1, 3.7) + (2.2 if parking else 0.0) + (rng.random() < 0.2) * 0.8
     sides = np.array([rng.uniform(16, 60), rng.uniform(62, 120)])

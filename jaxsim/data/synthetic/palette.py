@@ -14,13 +14,13 @@ import numpy as np
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.synthetic.solids import Look
 
-Rgb = tuple[float, float, float]
+_Rgb = tuple[float, float, float]
 
 
 class Paint(NamedTuple):
     """A colour as the camera sees it and as the LiDAR does."""
 
-    rgb: Rgb
+    rgb: _Rgb
     nir: float
     gloss: float = 0.0
     absorbing: float = 0.0
@@ -32,7 +32,7 @@ def look_of(class_name: str, paint: Paint, second: Paint | None = None, **more: 
     return Look(IDS[class_name], paint.rgb, paint.nir, **two, **more)
 
 
-def srgb(code: str) -> Rgb:
+def srgb(code: str) -> _Rgb:
     """Linear colour of a web colour: `srgb("d8d4cc")`."""
     red = float((int(code[0:2], 16) / 255) ** 2.2)
     green = float((int(code[2:4], 16) / 255) ** 2.2)
@@ -61,12 +61,12 @@ _CLOTHES = ("22252c", "2e3f63", "7a2328", "d8d4cc", "4e5a48", "8c8579", "c2a23a"
 _SKINS = ("d9a88a", "b9805e", "8a5a3e", "e6bfa2")
 
 
-def luminance(rgb: Rgb) -> float:
+def luminance(rgb: _Rgb) -> float:
     """Luminance of a linear colour, 0..1 (Rec. 709)."""
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
 
 
-def vary(rng: np.random.Generator, rgb: Rgb, spread: float) -> Rgb:
+def vary(rng: np.random.Generator, rgb: _Rgb, spread: float) -> _Rgb:
     """The colour made brighter or darker, and slightly of another hue."""
     bright = np.exp(rng.normal(0.0, spread))
     red, green, blue = np.clip(np.asarray(rgb) * bright * np.exp(rng.normal(0.0, 0.2 * spread, 3)), 0.004, 0.92)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.fields import smooth_noise3, unit, vector
+from jaxsim.data.synthetic.fields import smooth_noise3, unit_vector, vector
 from jaxsim.data.synthetic.solids import CAPACITY, FACES, Solids
 from jaxsim.data.synthetic.street import Street, cast_ground, ground_normal
 from jaxsim.frame import Array
@@ -31,7 +31,7 @@ LEAF_M = 0.22
 
 
 @struct.dataclass
-class Candidates:
+class TileSolids:
     """Solids that each tile's rays may meet: numbers within their kind, and how many of the list count."""
 
     polyhedra: Int[Array, "*t polyhedra"]
@@ -57,13 +57,13 @@ class Hit:
 
 
 @partial(jax.jit, static_argnames="tile")
-def cast(
+def nearest_hits(
     solids: Solids,
     street: Street,
     *,
     origin: Float[Array, "3 h0 w0"],
     direction: Float[Array, "3 h w"],
-    candidates: Candidates,
+    candidates: TileSolids,
     tile: tuple[int, int],
 ) -> Hit:
     """Nearest hit of every ray of a raster; `origin` may have 1 in place of h or w."""
@@ -91,7 +91,7 @@ def cast_solids(
     origin: Float[Array, "3 h0 w0"],
     direction: Float[Array, "3 h w"],
     *,
-    candidates: Candidates,
+    candidates: TileSolids,
     tile: tuple[int, int],
 ) -> tuple[Float[Array, "h w"], Int[Array, "h w"]]:
     """Nearest hit with a solid and its code, FACES * solid + face; FAR_M and a negative code where there is none.
@@ -127,7 +127,7 @@ def _untiled(cut: Array, tile: tuple[int, int], size: tuple[int, ...]) -> Array:
 
 
 def _cast_row(
-    solids: Solids, origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], *, candidates: Candidates
+    solids: Solids, origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], *, candidates: TileSolids
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
     shape = direction.shape[1:]
     best = (jnp.full(shape, FAR_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
@@ -270,11 +270,11 @@ def _round_normal(solids: Solids, conic: Int[Array, "h w"], at: Float[Array, "3 
     ball = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])[conic]
     cap = (ball < 0.5) & (jnp.abs(own[2]) > 0.999)
     weight = [jnp.where(cap, 0.0, own[0]), jnp.where(cap, 0.0, own[1]), jnp.where(cap, own[2], ball * own[2])]
-    return unit(vector(*(sum(rows[..., 4 * i + j] * weight[i] for i in range(3)) for j in range(3))))
+    return unit_vector(vector(*(sum(rows[..., 4 * i + j] * weight[i] for i in range(3)) for j in range(3))))
 
 
 def _leaf_normal(at: Float[Array, "3 h w"], normal: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
     """A crown's leaves point outwards on the whole, each clump its own way."""
     x, y, z = at / LEAF_M
     turn = vector(*(smooth_noise3(x + shift, y, z) - 0.5 for shift in (17.0, 31.0, 47.0)))
-    return unit(normal + 2.2 * turn)
+    return unit_vector(normal + 2.2 * turn)

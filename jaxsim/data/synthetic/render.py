@@ -12,10 +12,10 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int, UInt8
 
-from jaxsim.data.synthetic.fields import dot, turned, unit, vector
+from jaxsim.data.synthetic.fields import dot, rotate, unit_vector, vector
 from jaxsim.data.synthetic.light import Light, Shadows, develop, lit, map_borders, mirror, open_sky, shade, sky
 from jaxsim.data.synthetic.materials import surface
-from jaxsim.data.synthetic.raycast import GROUND, Candidates, Hit, cast, cast_solids
+from jaxsim.data.synthetic.raycast import GROUND, Hit, TileSolids, cast_solids, nearest_hits
 from jaxsim.data.synthetic.solids import Solids
 from jaxsim.data.synthetic.street import Street
 from jaxsim.frame import Array, PolarGrid
@@ -31,7 +31,7 @@ BEAM_RAD = 2e-3
 
 
 @struct.dataclass
-class Scene:
+class LitScene:
     """Everything that light can meet."""
 
     solids: Solids
@@ -40,7 +40,7 @@ class Scene:
 
 
 @struct.dataclass
-class View:
+class CameraView:
     """What lies before a camera."""
 
     light: Float[Array, "3 h w"]
@@ -74,7 +74,7 @@ class IdealScan:
 
 @jax.jit
 def cast_shadows(
-    solids: Solids, sun: Float[Array, "3"], eye_m: Float[Array, "2"], *, sunward: Candidates, upward: Candidates
+    solids: Solids, sun: Float[Array, "3"], eye_m: Float[Array, "2"], *, sunward: TileSolids, upward: TileSolids
 ) -> Shadows:
     """Shadow map and sky cover of the ground around and ahead of `eye_m`."""
     heights = _heights(solids, sun, eye_m, cells=SHADOW_CELLS, tile=SHADOW_TILE, candidates=sunward)
@@ -96,7 +96,7 @@ def _heights(
     *,
     cells: tuple[int, int],
     tile: tuple[int, int],
-    candidates: Candidates,
+    candidates: TileSolids,
 ) -> Float[Array, "down across"]:
     """Height at which each parallel ray towards a cell of the ground is stopped; -1 where it reaches it."""
     x, y = map_borders(cells)
@@ -112,14 +112,14 @@ def _heights(
 
 
 def look(
-    scene: Scene,
+    scene: LitScene,
     shadows: Shadows,
     intrinsics: Float[Array, "3 3"],
     *,
     cam_pose: Float[Array, "4 4"],
-    candidates: Candidates,
+    candidates: TileSolids,
     size: tuple[int, int],
-) -> View:
+) -> CameraView:
     """Renders the view of a pinhole camera; depth is planar, classes are of the pixel's centre.
 
     A sequence of jitted steps, each of which leaves its rasters to the next.
@@ -127,7 +127,9 @@ def look(
     light = scene.light
     direction, view, length = _pixel_rays(intrinsics, cam_pose, size=size)
     eye = cam_pose[:3, 3, None, None]
-    hit = cast(scene.solids, scene.street, origin=eye, direction=direction, candidates=candidates, tile=CAMERA_TILE)
+    hit = nearest_hits(
+        scene.solids, scene.street, origin=eye, direction=direction, candidates=candidates, tile=CAMERA_TILE
+    )
     distance_m, pixel_m = _footprints(hit, view, length, focal_px=intrinsics[0, 0])
     seen = surface(scene.solids, scene.street, hit, pixel_m=pixel_m)
     normal, away = _shine(hit, view, seen.bend)
@@ -143,7 +145,7 @@ def look(
         distance_m=distance_m,
     )
     shown = develop(light, radiance, sky(light, view), in_sky=hit.solid > GROUND)
-    return View(shown, hit.distance, hit.solid <= GROUND, seen.semantic, seen.instance)
+    return CameraView(shown, hit.distance, hit.solid <= GROUND, seen.semantic, seen.instance)
 
 
 @partial(jax.jit, static_argnames="size")
@@ -155,7 +157,7 @@ def _pixel_rays(
     u = (jnp.arange(w, dtype=jnp.float32) - intrinsics[0, 2]) / intrinsics[0, 0]
     v = (jnp.arange(h, dtype=jnp.float32) - intrinsics[1, 2]) / intrinsics[1, 1]
     across, down = jnp.broadcast_arrays(u[None, :], v[:, None])
-    direction = turned(cam_pose[:3, :3], vector(across, down, jnp.ones(size, jnp.float32)))
+    direction = rotate(cam_pose[:3, :3], vector(across, down, jnp.ones(size, jnp.float32)))
     length = jnp.sqrt(dot(direction, direction))
     return direction, direction / length[None], length
 
@@ -171,7 +173,7 @@ def _footprints(hit: Hit, view: Float[Array, "3 h w"], length: Float[Array, "h w
 @jax.jit
 def _shine(hit: Hit, view: Float[Array, "3 h w"], bend: Float[Array, "3 h w"]):
     """Normals towards the eye, and the directions of mirrored rays."""
-    normal = unit(jnp.where(dot(hit.normal, view) > 0.0, -1.0, 1.0)[None] * hit.normal + bend)
+    normal = unit_vector(jnp.where(dot(hit.normal, view) > 0.0, -1.0, 1.0)[None] * hit.normal + bend)
     return normal, mirror(view, normal)
 
 
@@ -195,10 +197,12 @@ def _shift(image: Float[Array, "3 h w"], by: int, axis: int) -> Float[Array, "3 
     return jax.lax.slice_in_dim(jnp.pad(image, pad, mode="edge"), start, start + image.shape[axis], axis=axis)
 
 
-def scan(scene: Scene, grid: PolarGrid, *, velo_pose: Float[Array, "4 4"], candidates: Candidates) -> IdealScan:
+def scan(scene: LitScene, grid: PolarGrid, *, velo_pose: Float[Array, "4 4"], candidates: TileSolids) -> IdealScan:
     """Casts every ray of a polar grid, each from its own beam's origin."""
     origin, direction = _beams(grid, velo_pose)
-    hit = cast(scene.solids, scene.street, origin=origin, direction=direction, candidates=candidates, tile=LIDAR_TILE)
+    hit = nearest_hits(
+        scene.solids, scene.street, origin=origin, direction=direction, candidates=candidates, tile=LIDAR_TILE
+    )
     seen = surface(scene.solids, scene.street, hit, pixel_m=BEAM_RAD * hit.distance)
     return IdealScan(
         range_m=hit.distance,
@@ -221,7 +225,7 @@ def _beams(
 ) -> tuple[Float[Array, "3 rows 1"], Float[Array, "3 rows columns"]]:
     turn = velo_pose[:3, :3]
     origin = turn[:, 2, None, None] * grid.origin_m[None, :, None] + velo_pose[:3, 3, None, None]
-    return origin, turned(turn, jnp.moveaxis(directions(grid), -1, 0))
+    return origin, rotate(turn, jnp.moveaxis(directions(grid), -1, 0))
 
 
 @jax.jit

@@ -5,7 +5,7 @@ third axis, seen through an affine map q = A p + b; a cylinder may have a bore, 
 ball of leaves: light enters it and is stopped after a random path.
 
 A `Model` is an object in its own frame: x forward, y left, z up, origin on the ground beneath its middle. A `Plan` puts
-objects in their places; `gather` makes of them the arrays that rays are cast at.
+objects in their places; `gather_solids` makes of them the arrays that rays are cast at.
 """
 
 from __future__ import annotations
@@ -231,7 +231,7 @@ class Parts:
     counts: tuple[int, int, int]
 
 
-def gather(things: Sequence[Thing]) -> Parts:
+def gather_solids(things: Sequence[Thing]) -> Parts:
     """Lays the solids of all things side by side: polyhedra, rounds, crowns.
 
     Raises ValueError for more solids than a scene has room for.
@@ -277,7 +277,7 @@ def along_street(
     return place, np.arctan(slope)
 
 
-def poses(
+def poses_at(
     things: Sequence[Thing], curvature: float, time_s: float
 ) -> tuple[Float[np.ndarray, "things 3"], Float[np.ndarray, " things"]]:
     """Positions and headings in `world` at a time."""

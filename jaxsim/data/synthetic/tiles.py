@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.raycast import Candidates
+from jaxsim.data.synthetic.raycast import TileSolids
 from jaxsim.data.synthetic.solids import CAPACITY
 from jaxsim.frame import PolarGrid
 
 Corners = Float[np.ndarray, "n 8 3"]
-Mask = Bool[np.ndarray, "down across n"]
+_Mask = Bool[np.ndarray, "down across n"]
 
 
 def _between(side: Float[np.ndarray, "borders n 8"]) -> Bool[np.ndarray, "tiles n"]:
@@ -29,7 +29,7 @@ def pinhole_mask(
     *,
     u_px: Float[np.ndarray, " across1"],
     v_px: Float[np.ndarray, " down1"],
-) -> Mask:
+) -> _Mask:
     """Tiles of a camera image, by the pixel coordinates of their borders. The boxes are in `cam`."""
     x, y, z = np.moveaxis(corners_cam, -1, 0)
     slope_x = ((u_px - intrinsics[0, 2]) / intrinsics[0, 0])[:, None, None]
@@ -38,7 +38,7 @@ def pinhole_mask(
     return _between(y - slope_y * z)[:, None] & (_between(x - slope_x * z) & ahead)[None]
 
 
-def polar_mask(corners_velo: Corners, grid: PolarGrid, tile: tuple[int, int]) -> Mask:
+def polar_mask(corners_velo: Corners, grid: PolarGrid, tile: tuple[int, int]) -> _Mask:
     """Tiles (rows, columns) of a polar grid. The boxes are in `velo`."""
     azimuth, elevation = np.asarray(grid.azimuth_rad, np.float64), np.asarray(grid.elevation_rad, np.float64)
     half = abs(azimuth[1] - azimuth[0])
@@ -74,20 +74,20 @@ def slanted_mask(
     *,
     x_m: Float[np.ndarray, " across1"],
     y_m: Float[np.ndarray, " down1"],
-) -> Mask:
+) -> _Mask:
     """Tiles of the ground, by their borders, under parallel rays that come from `towards`. The boxes are in `world`."""
     shift = corners[..., 2:] * (towards[:2] / towards[2])
     x, y = np.moveaxis(corners[..., :2] - shift, -1, 0)
     return _between(y - y_m[:, None, None])[:, None] & _between(x - x_m[:, None, None])[None]
 
 
-def candidates(mask: Mask, counts: tuple[int, int, int]) -> Candidates:
+def solids_by_tile(mask: _Mask, counts: tuple[int, int, int]) -> TileSolids:
     """Lists of a mask's solids, tile by tile; leaves have tiles first, (down * across, ...)."""
     flat = mask.reshape(-1, mask.shape[-1])
     kinds = np.split(flat, np.cumsum(counts)[:2], axis=1)
     lists = [_lists(m, room) for m, room in zip(kinds, CAPACITY, strict=True)]
     met = np.stack([m.sum(axis=1) for m in kinds], axis=1).astype(np.int32)
-    return Candidates(polyhedra=lists[0], rounds=lists[1], crowns=lists[2], counts=met)
+    return TileSolids(polyhedra=lists[0], rounds=lists[1], crowns=lists[2], counts=met)
 
 
 def _lists(mask: Bool[np.ndarray, "tiles n"], room: int) -> Int[np.ndarray, "tiles room"]:

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from jaxsim.data.synthetic.layout import STATISTICS, Drive, lay_out
 from jaxsim.data.synthetic.light import map_borders
-from jaxsim.data.synthetic.raycast import Candidates
+from jaxsim.data.synthetic.raycast import TileSolids
 from jaxsim.data.synthetic.render import (
     CAMERA_TILE,
     COVER_CELLS,
@@ -22,15 +22,15 @@ from jaxsim.data.synthetic.render import (
     LIDAR_TILE,
     SHADOW_CELLS,
     SHADOW_TILE,
-    Scene,
-    View,
+    CameraView,
+    LitScene,
     cast_shadows,
     look,
     photograph,
     scan,
 )
-from jaxsim.data.synthetic.solids import Thing, along_street, in_world, poses
-from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
+from jaxsim.data.synthetic.solids import Thing, along_street, in_world, poses_at
+from jaxsim.data.synthetic.tiles import pinhole_mask, polar_mask, slanted_mask, solids_by_tile
 from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
 from jaxsim.geometry import LidarSpec, camera_from_projection, directions, full_grid, preset
@@ -73,7 +73,7 @@ class _Moment:
     """A scene at one time, and where the car is in it."""
 
     drive: Drive
-    scene: Scene
+    scene: LitScene
     corners: Float[np.ndarray, "solids 8 3"]
     position_m: Float[np.ndarray, "things 3"]
     heading_rad: Float[np.ndarray, " things"]
@@ -156,7 +156,7 @@ class SyntheticWorld:
         drive = _drive(self.seed, index // FRAMES_PER_DRIVE, self.streets)
         time_s = FRAME_S * (index % FRAMES_PER_DRIVE)
         curvature = float(drive.street.curvature)
-        position, heading = poses(drive.things, curvature, time_s)
+        position, heading = poses_at(drive.things, curvature, time_s)
         solids, corners = in_world(drive.parts, position, heading, instance=_instances(drive))
         spot, turn = along_street(curvature, np.array([drive.ego_speed_mps * time_s]), np.array([drive.ego_aside_m]))
         # By the frame's number alone: frames may be rendered in any order, by any process.
@@ -164,19 +164,19 @@ class SyntheticWorld:
         pose = np.eye(4)
         pose[:3, :3] = _rotation(2, turn[0] + yaw) @ _rotation(1, pitch) @ _rotation(0, 0.5 * roll)
         pose[:3, 3] = (*spot[0], self.spec.mount_m)
-        scene = Scene(solids, drive.street, drive.light)
+        scene = LitScene(solids, drive.street, drive.light)
         return _Moment(drive, scene, corners, position, heading, pose)
 
     def _truth(self, moment: _Moment) -> Truth:
         # Which solids a tile of rays can meet is told by their boxes' corners, before any ray is cast.
         corners = _into(moment.velo_pose, moment.corners)
-        listed = candidates(polar_mask(corners, self.grid, LIDAR_TILE), moment.drive.parts.counts)
+        listed = solids_by_tile(polar_mask(corners, self.grid, LIDAR_TILE), moment.drive.parts.counts)
         pose = moment.velo_pose.astype(np.float32)
         met = scan(moment.scene, self.grid, velo_pose=pose, candidates=listed)
         gain = beam_gain(self.sensor, self.spec.rows)
         return _host(report(met, gain, sensor=self.sensor, spec=self.spec))
 
-    def _view(self, moment: _Moment) -> View:
+    def _view(self, moment: _Moment) -> CameraView:
         counts, corners = moment.drive.parts.counts, moment.corners
         eye = moment.velo_pose[:2, 3]
         sun = np.asarray(moment.drive.light.sun, np.float64)
@@ -201,14 +201,14 @@ class SyntheticWorld:
                 shadows,
                 self.camera.intrinsics,
                 cam_pose=cam_pose.astype(np.float32),
-                candidates=candidates(mask, counts),
+                candidates=solids_by_tile(mask, counts),
                 size=self.image_size,
             )
         )
 
     def _boxes(self, moment: _Moment, instance: Int[np.ndarray, "h w"]) -> Boxes:
         cam_from_world = self.camera.cam_from_velo.astype(np.float64) @ np.linalg.inv(moment.velo_pose)
-        return label(
+        return label_boxes(
             moment.drive.things,
             moment.position_m,
             moment.heading_rad,
@@ -272,13 +272,13 @@ def _into(world_from_frame: Float[np.ndarray, "4 4"], corners: Float[np.ndarray,
     return (corners - world_from_frame[:3, 3]) @ world_from_frame[:3, :3]
 
 
-def _ground_candidates(corners, counts, towards, *, eye, cells: tuple[int, int], tile: tuple[int, int]) -> Candidates:
+def _ground_candidates(corners, counts, towards, *, eye, cells: tuple[int, int], tile: tuple[int, int]) -> TileSolids:
     x, y = map_borders(cells)
     mask = slanted_mask(corners, towards, x_m=x[:: tile[1]] + eye[0], y_m=y[:: tile[0]] + eye[1])
-    return candidates(mask, counts)
+    return solids_by_tile(mask, counts)
 
 
-def label(
+def label_boxes(
     things: Sequence[Thing],
     position_m: Float[np.ndarray, "things 3"],
     heading_rad: Float[np.ndarray, " things"],

@@ -25,7 +25,7 @@ from jaxsim.discover.name.unexplained import agreed, written_at
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
 from jaxsim.effects import Law
-from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, hats, kind_of
+from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, curve_kind, hats
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Form:
         nothing = (0.0,) * len(knots)
         bare = Learned(
             dependence.channel,
-            kind_of(dependence.covariate, numbers),
+            curve_kind(dependence.covariate, numbers),
             (dependence.covariate,),
             (numbers,),
             nothing,
@@ -96,7 +96,7 @@ class LearnedFit:
     """How many numbers were fitted."""
 
 
-def form_of(
+def curve_form(
     problem: Problem,
     dependence: Dependence,
     curve: Candidate,

@@ -30,12 +30,12 @@ from jaxsim.discover.verdict import ClosedLaw, Interval
 from jaxsim.effects.learned import UNITS
 
 Constants = Float[np.ndarray, " c"]
-Columns = Float[np.ndarray, "c n m"]
+_Columns = Float[np.ndarray, "c n m"]
 HALVES = tuple(k / 2 for k in range(-6, 7) if k not in (0, 2))
 """Exponents: a physical law's are seldom others."""
 FREE = np.linspace(-4, 4, 33)
 """Exponents between which a free one lies."""
-Curves = Float[np.ndarray, "t n"]
+_Curves = Float[np.ndarray, "t n"]
 GOLDEN = (np.sqrt(5) - 1) / 2
 SECTIONS = 24
 """Steps of a golden-section search: the bracket shrinks to 1e-5 of itself."""
@@ -80,7 +80,7 @@ class Shape:
     nodes: int
     expression: str
     """The formula in Python, of `level`, `size`, the constant's name, `phase` and the variables."""
-    columns: Callable[[Constants], Columns]
+    columns: Callable[[Constants], _Columns]
     """What is linear: one column, or the sine and cosine of a wave, at each value of the constant."""
     unit: str
     """What the unit of `size` is divided by."""
@@ -92,7 +92,7 @@ class Shape:
     """Whether the constant may lie between those of the grid."""
 
 
-def shapes_of(variables: Sequence[Variable]) -> list[Shape]:
+def formula_shapes(variables: Sequence[Variable]) -> list[Shape]:
     """All formulas of the grammar."""
     shapes = [shape for one in variables if len(np.unique(one.x)) >= RULES.law_fewest_knots for shape in _of_one(one)]
     if len(variables) == 2:
@@ -157,24 +157,24 @@ def _bends(text: str, t: Float[np.ndarray, " n"], unit: str, *, nodes: int) -> l
         )
     wave = f"level + size * sin(2 * pi * {text} / period + phase)"
 
-    def waves(period: Constants) -> Columns:
+    def waves(period: Constants) -> _Columns:
         angle = 2 * np.pi * t / period[:, None]
         return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
     return [*shapes, Shape(nodes, wave, waves, "", "period", unit, periods, refined=True)]
 
 
-def _alone(x: Float[np.ndarray, " n"]) -> Callable[[Constants], Columns]:
+def _alone(x: Float[np.ndarray, " n"]) -> Callable[[Constants], _Columns]:
     """One column, whatever the constant."""
     return lambda c: np.repeat(x[None, :, None], len(c), axis=0)
 
 
-def _one(x: np.ndarray) -> Columns:
+def _one(x: np.ndarray) -> _Columns:
     """One column for each constant."""
     return x[..., None].astype(np.float64)
 
 
-def _power(u: Float[np.ndarray, " n"], p: Constants) -> Columns:
+def _power(u: Float[np.ndarray, " n"], p: Constants) -> _Columns:
     """The power, kept away from exponent 0, where it is a level."""
     return _one(u ** np.where(np.abs(p) > 0.05, p, 0.05)[:, None])
 
@@ -189,7 +189,7 @@ class ShapeFits(NamedTuple):
     constant: Float[np.ndarray, " t"]
     linear: Float[np.ndarray, "t m"]
     """The level, then a number a column."""
-    values: Curves
+    values: _Curves
 
 
 def search(
@@ -218,12 +218,12 @@ def search(
     # Knots that hang together say no more than the numbers behind them.
     count = min(free / n, 1.0)
 
-    def loss(values: Curves) -> float:
+    def loss(values: _Curves) -> float:
         return count * float((((gain - values[1:]) * root) ** 2).sum()) / (2 * groups)
 
     loss_of_level = loss(np.broadcast_to(np.average(curves, axis=1, weights=root**2)[:, None], curves.shape))
     best: tuple[float, Shape, ShapeFits] | None = None
-    for shape in shapes_of(variables):
+    for shape in formula_shapes(variables):
         fits = fit_shape(shape, curves, root)
         # A price a node, as of a description's length: a longer formula must say more.
         worth = loss_of_level - loss(fits.values) - RULES.law_price_nats * shape.nodes
@@ -237,7 +237,7 @@ def search(
     unexplained = float((weight * (curve - fits.values[0]) ** 2).sum() / (weight * (curve - mean) ** 2).sum())
     if 1 - unexplained < RULES.law_least_share:
         return None
-    parameters = parameters_of(shape, fits, unit=unit)
+    parameters = formula_parameters(shape, fits, unit=unit)
     return ClosedLaw(
         channel=channel,
         covariates=tuple(one.name for one in variables if one.name in shape.expression),
@@ -251,7 +251,7 @@ def search(
     )
 
 
-def fit_shape(shape: Shape, curves: Curves, root: Float[np.ndarray, " n"]) -> ShapeFits:
+def fit_shape(shape: Shape, curves: _Curves, root: Float[np.ndarray, " n"]) -> ShapeFits:
     """Weighted least squares (`root` of the weights) of every curve by itself."""
     grid = np.asarray(shape.grid, float)
     y = curves * root
@@ -269,7 +269,7 @@ def fit_shape(shape: Shape, curves: Curves, root: Float[np.ndarray, " n"]) -> Sh
     return ShapeFits(constant, linear, np.einsum("tnm,tm->tn", design, linear))
 
 
-def _golden(shape: Shape, y: Curves, root: Float[np.ndarray, " n"], *, a: Constants, b: Constants) -> Constants:
+def _golden(shape: Shape, y: _Curves, root: Float[np.ndarray, " n"], *, a: Constants, b: Constants) -> Constants:
     """The constant between a and b at which the columns reach most of each weighted curve."""
 
     def at(constant: Constants) -> Constants:
@@ -282,16 +282,16 @@ def _golden(shape: Shape, y: Curves, root: Float[np.ndarray, " n"], *, a: Consta
     return (a + b) / 2
 
 
-def _orthogonal(columns: Columns, root: Float[np.ndarray, " n"]) -> Float[np.ndarray, "c n m+1"]:
+def _orthogonal(columns: _Columns, root: Float[np.ndarray, " n"]) -> Float[np.ndarray, "c n m+1"]:
     """Orthonormal columns that span the level and the weighted columns."""
     return np.linalg.qr(_with_level(columns) * root[:, None])[0]
 
 
-def _with_level(columns: Columns) -> Float[np.ndarray, "c n m+1"]:
+def _with_level(columns: _Columns) -> Float[np.ndarray, "c n m+1"]:
     return np.concatenate([np.ones((*columns.shape[:2], 1)), columns], axis=-1)
 
 
-def parameters_of(shape: Shape, fits: ShapeFits, *, unit: str) -> dict[str, Interval]:
+def formula_parameters(shape: Shape, fits: ShapeFits, *, unit: str) -> dict[str, Interval]:
     """The numbers of the first curve's formula with their units, and 90 % intervals from the others, each of which
     leaves out a group of scenes."""
     below = f"({shape.unit})" if re.search("[/·]", shape.unit) else shape.unit

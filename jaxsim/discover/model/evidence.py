@@ -59,23 +59,10 @@ NORMALS_SD = 1.0
 follows."""
 GAIN_PRECISION = 1e-6
 """1 / variance of ln of the overall gain: any gain is possible."""
-STEEPEST_RAD = np.deg2rad(80.0)
-"""Intensity is compared below this incidence."""
 GROUND = (6, 7, 8, 9, 10)
 """Cityscapes ids of flat surfaces, whose normals a range image gives best."""
 TERRAIN = (22,)
 """Cityscapes ids of ground that rolls."""
-BLURRED = 3.0
-"""Steps of the sensor's rounding below which predicted intensities are not compared: their logarithms are off."""
-DARK = 0.2
-"""Noise of the sensor, the same for all intensities, over the predicted one from which on intensities are not compared:
-the mean of the logarithm is then off by half its square."""
-FULL = 0.9995
-"""Intensity from which a reading lies at the end of the sensor's scale: what is brighter reads the same ..."""
-MOST_FULL = 0.05
-"""... so surfaces of which more than this share reads it are not compared: the others of them are the dark ones."""
-LEAST_SLANT = 0.03
-"""Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
 """Standard deviation of a frame's pose: m along x, y, z and rad about them."""
 DETAIL_SD = 1.0
@@ -248,7 +235,7 @@ def gather(
         score=angle_scores(given, hit=scan.hit, semantic=scan.semantic)[index],
         surfaces=surfaces,
         scene=scene.astype(np.int32),
-        darkest=np.float32(BLURRED * step),
+        darkest=np.float32(RULES.compared_steps * step),
         cut=_cut_off(values, valid, surfaces),
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
         own=at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
@@ -286,13 +273,13 @@ def _gather(
         log_power=rays.log_power - own.excess,
     )
     returned, range_m = measured.valid[index], measured.range_m[index]
-    steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / LEAST_SLANT)
+    steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / RULES.least_slant)
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
     step = rays.hit & at_edge(rays)
     near = near_enough(range_m, rays.range_m)
     given = given_rad[index]
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
-    moderate = (rays.incidence_rad < STEEPEST_RAD) & (given < STEEPEST_RAD)
+    moderate = (rays.incidence_rad < RULES.compared_below_rad) & (given < RULES.compared_below_rad)
     # By what is predicted, not by what was measured, which would choose the brighter of the dark rays.
     # Nor by noise, which would choose the brighter of the dark rays as well.
     expected = rays.log_intensity - own.over_trend
@@ -303,16 +290,15 @@ def _gather(
     log_measured = jnp.log(jnp.maximum(measured.intensity[index], FLOOR))
     level = expected + jnp.nanmedian(jnp.where(seen, log_measured - rays.log_intensity, jnp.nan))
     dark = own.constant * jnp.exp(-level)
-    compared = compared & (dark < DARK)
-    blur = jnp.minimum(dark, DARK) ** 2
+    compared = compared & (dark < RULES.compared_noise)
+    blur = jnp.minimum(dark, RULES.compared_noise) ** 2
     known_variance = own.variance + blur
     # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
     lift = jnp.broadcast_to(0.5 * blur, log_measured.shape)
     features = _features(rays, given, kinds, score=score)
-    ridge = _ridge(len(kind_names))
+    ridge = _ridge(len(kind_names), detail=own.detail is not None)
     if own.detail is not None:
         features = jnp.concatenate([features, own.detail], axis=-1)
-        ridge = np.append(ridge, np.full(OF_DETAIL, 1 / DETAIL_SD**2, np.float32))
     return Evidence(
         rays=rays,
         returned=returned,
@@ -344,13 +330,13 @@ def _cut_off(
     intensity: Float[np.ndarray, "b c r"], valid: Bool[np.ndarray, "b c r"], surfaces: Surfaces
 ) -> Bool[np.ndarray, "#b #c #r"]:
     """Whether a ray, or much of its surface, reads the end of the sensor's scale."""
-    full = valid & (intensity >= FULL)
+    full = valid & (intensity >= RULES.full_reading)
     if not full.any():
         return np.zeros((1, 1, 1), bool)
     surface = np.asarray(surfaces.surface)[np.asarray(surfaces.strip)]
     count = np.bincount(surface.ravel(), valid.ravel())
     share = np.bincount(surface.ravel(), full.ravel()) / np.maximum(count, 1)
-    return full | (share > MOST_FULL)[surface]
+    return full | (share > RULES.full_share)[surface]
 
 
 def angle_scores(
@@ -380,8 +366,8 @@ def _features(
     rays: Rays, given_rad: Float[Array, "b c r"], kinds: Float[Array, "b c r k"], *, score: Float[Array, "b c r"]
 ) -> Float[Array, "b c r p"]:
     """`Evidence.features`, of all rays."""
-    given = jnp.minimum(given_rad, STEEPEST_RAD)
-    seen = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
+    given = jnp.minimum(given_rad, RULES.compared_below_rad)
+    seen = jnp.minimum(rays.incidence_rad, RULES.compared_below_rad)
     # Held within 1.5 nats: near grazing incidence ln cos runs away from small differences of angle.
     disagreement = jnp.clip(jnp.log(jnp.cos(seen)) - jnp.log(jnp.cos(given)), -1.5, 1.5)
     ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))
@@ -394,7 +380,8 @@ def _features(
     return jnp.stack([jnp.ones_like(given), *jnp.moveaxis(kinds, -1, 0), curvature, shift, *disagreements], axis=-1)
 
 
-def _ridge(kinds: int) -> Float[np.ndarray, " p"]:
-    """`Evidence.ridge` for so many kinds of surfaces."""
+def _ridge(kinds: int, *, detail: bool) -> Float[np.ndarray, " p"]:
+    """`Evidence.ridge` for so many kinds of surfaces, with the detail of a noisy simulator or without."""
     others = [1 / CURVATURE_SD**2, 1 / SHIFT_SD**2, *[1 / NORMALS_SD**2] * 3]
-    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others], np.float32)
+    own = [1 / DETAIL_SD**2] * OF_DETAIL if detail else []
+    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others, *own], np.float32)

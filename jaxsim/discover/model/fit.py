@@ -107,7 +107,7 @@ class Objective:
         self.effect, self.problem = effect, problem
         self.rows = problem.ev.rays.row.shape[-1]
         self.rays = replace(rays_for(effect, problem.ev), basis=problem.basis)
-        self.fitted = jnp.asarray(fitted, jnp.float32)
+        self.fitted = jax.device_put(fitted.astype(np.float32))
         self.channels, self.clutter = channels_of(effect), problem.clutter or effect.clutter
         neutral = (to_z(effect, {}, self.rows), problem.noise)
         self.first, self.restore = ravel(neutral), restorer(neutral)
@@ -227,12 +227,12 @@ def partway(
     return np.asarray(objective.gradient_at(*_between(*stages, np.float32(share))).blocks)
 
 
-Stage = tuple[Fields, Fields, Noise]
+_Stage = tuple[Fields, Fields, Noise]
 """Fields of the rays, differentiated and constant, and the noise."""
 
 
 @jax.jit
-def _between(before: Stage, after: Stage, share: Float[Array, ""]) -> Stage:
+def _between(before: _Stage, after: _Stage, share: Float[Array, ""]) -> _Stage:
     """Rays and noise at `share` of the way; rays that hit where they did not before, or the reverse, stay."""
     fields_before, constant_before, noise_before = before
     fields_after, constant_after, noise_after = after

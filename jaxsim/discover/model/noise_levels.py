@@ -17,34 +17,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import nnls
 
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.frame import Array
 
-FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
+FINEST: dict[str, float] = dict.fromkeys(("intensity_quantization", "range_quantization"), RULES.finest_step)
 """Effects whose step is read off the values, and the finest step that counts as rounding."""
-SHARE = 0.995
-"""Share of the values that must lie on a lattice."""
-NEAR = 0.02
-"""A value lies on a lattice if it is within this share of a step of it."""
 QUANTILE = 0.25
 """The quantile of absolute second differences from which noise is told: texture and edges fill the upper ones."""
 NORMAL_QUANTILE = 0.31864
 """The same quantile of |N(0, 1)|."""
 BINS = 12
 """Bins of intensity, over which noise is told apart into a constant and a proportional part."""
-FEWEST = 400
-"""Second differences that a bin needs."""
-LEAST_RANGE_M = 0.004
-"""Range noise below which a simulator counts as ideal: curved surfaces have as much."""
-LEAST_INTENSITY = 0.01
-"""The same of intensity, as a share of it."""
-LEAST_INCIDENCE_RAD = np.deg2rad(0.5)
-"""The same of angles of incidence."""
-AS_WELL = 1.1
-"""Ratio of variances up to which intensities follow the cosine as well as they follow none."""
-LEAST_LOSS = 0.001
-"""Share of rays lost within smooth surfaces below which holes are the street's."""
 MOST_VALUES = 200_000
 """Readings, evenly chosen, in which a lattice is looked for."""
 STEEPEST_COSINE = 0.1
@@ -54,18 +39,17 @@ STEEPEST_COSINE = 0.1
 def lattice_step(values: Float[np.ndarray, " n"], *, finest: float) -> float:
     """The largest step of which nearly all values are multiples; 0 if there is none above `finest`."""
     x = np.sort(np.asarray(values, np.float64))
-    # Few values lie on some lattice by chance.
-    if len(x) < 100:
+    if len(x) < RULES.lattice_values:
         return 0.0
     gaps = np.diff(x)
     gaps = gaps[gaps > finest / 4]
-    if len(gaps) < 5:
+    if len(gaps) < RULES.lattice_gaps:
         return 0.0
     # On a lattice the commonest gaps between different values are one step, or few.
     smallest = np.quantile(gaps, 0.05)
     for step in (smallest, *np.unique(gaps.round(6))[:5]):
         step = _refined(x, float(step))
-        if step > finest and _share(x, step) >= SHARE:
+        if step > finest and _share(x, step) >= RULES.lattice_share:
             return step
     return 0.0
 
@@ -90,14 +74,14 @@ def _on(x: np.ndarray, step: float) -> Bool[np.ndarray, "*n"]:
     """Whether each value lies on the lattice."""
     off = np.abs(x / step - np.round(x / step))
     # Values kept as float32 carry their own rounding.
-    return off < NEAR + 1e-6 * x / step
+    return off < RULES.lattice_near + 1e-6 * x / step
 
 
 def log_rounding(values: Float[np.ndarray, "*n"], step: float, *, finest: float) -> Float[np.ndarray, "*n"]:
-    """Nats by which each reading is more probable if SHARE of all lie on the lattice of `step` than if they are known
-    to `finest`: many where it lies there, and fewer than none where it does not."""
+    """Nats by which each reading is more probable if nearly all lie on the lattice of `step` than if they are
+    known to `finest`: many where it lies there, and fewer than none where it does not."""
     x = np.asarray(values, np.float64)
-    return np.where(_on(x, step), np.log(SHARE * step / finest), np.log(1 - SHARE))
+    return np.where(_on(x, step), np.log(RULES.lattice_share * step / finest), np.log(1 - RULES.lattice_share))
 
 
 @dataclass(frozen=True)
@@ -140,7 +124,7 @@ def noise_levels(scan: Scan) -> Levels:
     inner, hole = neighbourhoods(scan)
     inner, hole = np.asarray(inner), np.asarray(hole)
     steps = lattices_of(scan)
-    if inner.sum() < FEWEST:
+    if inner.sum() < RULES.fewest_differences:
         return steps
     range_m = np.asarray(scan.range_m, np.float64)
     bend = _second_difference(1 / np.maximum(range_m, 0.1))
@@ -150,12 +134,12 @@ def noise_levels(scan: Scan) -> Levels:
     loss = hole.sum() / max(hole.sum() + inner.sum(), 1)
     constant, share, follows_cosine = _intensity_noise(scan, inner)
     return Levels(
-        range_m=range_sd if range_sd > LEAST_RANGE_M else 0.0,
-        incidence_rad=slant_sd if slant_sd > LEAST_INCIDENCE_RAD else 0.0,
+        range_m=range_sd if range_sd > RULES.noisy_range_m else 0.0,
+        incidence_rad=slant_sd if slant_sd > RULES.noisy_incidence_rad else 0.0,
         intensity=constant,
         intensity_share=share,
         follows_cosine=follows_cosine,
-        loss=float(loss) if loss > LEAST_LOSS else 0.0,
+        loss=float(loss) if loss > RULES.noisy_loss else 0.0,
         intensity_step=steps.intensity_step,
         range_step_m=steps.range_step_m,
     )
@@ -187,7 +171,7 @@ def _intensity_noise(scan: Scan, inner: Bool[np.ndarray, "f r c"]) -> tuple[floa
     and whether intensities follow the cosine of the given incidence."""
     intensity = np.asarray(scan.intensity, np.float64)
     bright = inner & (np.roll(intensity, 1, 2) > FLOOR) & (np.roll(intensity, -1, 2) > FLOOR) & (intensity > FLOOR)
-    if bright.sum() < FEWEST:
+    if bright.sum() < RULES.fewest_differences:
         return 0.0, 0.0, False
     variances = []
     # Intensities that follow the simulator's own normals follow their noise too; that is no noise on the intensity.
@@ -196,15 +180,14 @@ def _intensity_noise(scan: Scan, inner: Bool[np.ndarray, "f r c"]) -> tuple[floa
         level = (np.roll(intensity, 1, 2) + intensity + np.roll(intensity, -1, 2)) / 3
         variances.append(_by_level(size[bright], level[bright]))
     # In doubt it does: over the cosine, intensities bend less along a surface.
-    follows_cosine = bool(np.mean(variances[1][1]) < AS_WELL * np.mean(variances[0][1]))
+    follows_cosine = bool(np.mean(variances[1][1]) < RULES.cosine_as_well * np.mean(variances[0][1]))
     level, variance = variances[follows_cosine]
     # Weighted by the relative error: a line through variance / level^2 = share^2 + constant^2 / level^2.
     design = np.stack([np.ones_like(level), 1 / level**2], 1) * (level**2 / variance.clip(1e-12))[:, None]
     (share, constant), _ = nnls(design, np.ones_like(level))
-    if np.median(np.sqrt(variance) / level) < LEAST_INTENSITY:
+    if np.median(np.sqrt(variance) / level) < RULES.noisy_intensity:
         return 0.0, 0.0, False
-    # A constant that is less than four fifths of the darkest bin's variance is none.
-    if constant < 4 * share * level[0] ** 2:
+    if constant < RULES.noisy_constant * share * level[0] ** 2:
         return 0.0, float(np.sqrt(np.median(variance / level**2))), follows_cosine
     return float(np.sqrt(constant)), float(np.sqrt(share)), follows_cosine
 
@@ -214,7 +197,7 @@ def _by_level(
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Median level of each bin of it, and the variance of the noise there."""
     order = np.argsort(level)
-    bins = np.array_split(order, max(1, min(BINS, len(order) // FEWEST)))
+    bins = np.array_split(order, max(1, min(BINS, len(order) // RULES.fewest_differences)))
     return np.array([np.median(level[b]) for b in bins]), np.array([_sd_of(size[b]) ** 2 for b in bins])
 
 
@@ -226,7 +209,7 @@ def cosine_of(scan: Scan) -> Float[np.ndarray, "f r c"]:
 @jax.jit
 def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c"]]:
     """Rays whose neighbours to both sides go on with their surface; and rays that hit nothing between two such."""
-    left, right = beside(scan, 1), beside(scan, -1)
+    left, right = shifted(scan, 1), shifted(scan, -1)
     # A surface goes on where class, instance and, within 10 % of 1 / range, both neighbours' distances agree.
     alike = left.hit & right.hit & (left.semantic == right.semantic) & (left.instance == right.instance)
     q_left, q_right = 1 / jnp.maximum(left.range_m, 0.1), 1 / jnp.maximum(right.range_m, 0.1)
@@ -237,7 +220,7 @@ def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c
     return alike & surface, alike & ~scan.hit
 
 
-def beside(scan: Scan, shift: int) -> Scan:
+def shifted(scan: Scan, shift: int) -> Scan:
     """The scan turned by some columns; what comes in past a border hits nothing."""
     column = jnp.arange(scan.range_m.shape[2])
     inside = (column - shift >= 0) & (column - shift < len(column))
@@ -253,7 +236,7 @@ def beside(scan: Scan, shift: int) -> Scan:
 def filled(scan: Scan) -> Scan:
     """The scan with single rays put back that it lost within a surface: between their two neighbours."""
     _, hole = neighbourhoods(scan)
-    left, right = beside(scan, 1), beside(scan, -1)
+    left, right = shifted(scan, 1), shifted(scan, -1)
     between = 2 / (1 / jnp.maximum(left.range_m, 0.1) + 1 / jnp.maximum(right.range_m, 0.1))
     return replace(
         scan,

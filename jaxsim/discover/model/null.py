@@ -32,7 +32,9 @@ FEW = 5.0
 
 
 @jax.jit
-def spread(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, "b c r"]]:
+def residual_spread(
+    ev: Evidence, noise: Noise
+) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, "b c r"]]:
     """Standard deviations of ln I (nats) and of the range (m); and the probability that a ray does not return."""
     gone = jnp.clip(ev.rays.column_loss, 0, MOST_LIKELY)
     # Lost with its column, or else alone.
@@ -54,15 +56,20 @@ class Residuals(NamedTuple):
 def residuals(problem: Problem, fitted: Float[np.ndarray, " b"]) -> dict[str, Residuals]:
     """The residuals of each channel; shared levels follow from the `fitted` blocks. z has standard deviation 1 where it
     counts."""
+    by_channel = _off_and_sd(problem, fitted.astype(np.float32))
+    return {name: _standardised(*map(np.asarray, by_channel[name]), heavy_tails=name != "drop") for name in CHANNELS}
+
+
+def _off_and_sd(problem: Problem, fitted: Float[np.ndarray, " b"]) -> dict[str, tuple[Array, Array, Array]]:
+    """How far each reading is off, its standard deviation, and whether it counts, by channel."""
     ev = problem.ev
-    off_i, off_r = conditional_residuals(ev, problem.equations, jnp.asarray(fitted, jnp.float32))
-    sd_i, sd_r, p = spread(ev, problem.noise)
-    by_channel = {
+    off_i, off_r = conditional_residuals(ev, problem.equations, jnp.asarray(fitted))
+    sd_i, sd_r, p = residual_spread(ev, problem.noise)
+    return {
         "intensity": (off_i, sd_i, ev.compared),
         "range": (off_r, sd_r, ev.smooth),
         "drop": ((~ev.returned).astype(jnp.float32) - p, jnp.sqrt(p * (1 - p)), ev.rays.hit),
     }
-    return {name: _standardised(*map(np.asarray, by_channel[name]), heavy_tails=name != "drop") for name in CHANNELS}
 
 
 def _standardised(
@@ -163,9 +170,8 @@ def with_power_spread(ev: Evidence, noise: Noise, level: Float[np.ndarray, "b c 
     """Rays that know how uncertain their power is: what intensities scatter by, ray by ray, and, where `level` is given
     and stays uncorrected, what surfaces differ by."""
     variance = intensity_variance(ev, noise)
-    hit = np.asarray(ev.rays.hit)
-    if level is not None and hit.any():
-        variance = variance + float(np.var(level[hit]))
+    if level is not None and ev.rays.hit.any():
+        variance = variance + float(level[jax.device_get(ev.rays.hit)].var())
     return replace(ev, rays=replace(ev.rays, log_power_sd=jnp.sqrt(variance).astype(jnp.float32)))
 
 

@@ -215,7 +215,7 @@ def gain_and_classes(ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b
     return _shared(ev, eq, fitted, right=right)[: -ev.after_kinds]
 
 
-def poses(
+def frame_poses(
     ev: Evidence, eq: NormalEquations, predicted_m: Float[Array, "b c r"], *, on: Bool[Array, "b c r"]
 ) -> Float[Array, "b 6"]:
     """The small motion of each frame that fits the rays that are `on` best: m along x, y, z and rad about them.
@@ -239,9 +239,9 @@ def moved_by(ev: Evidence, pose: Float[Array, "b 6"], predicted_m: Float[Array, 
 def pose_shift(
     ev: Evidence, eq: NormalEquations, predicted_m: Float[Array, "b c r"], *, on: Bool[Array, "b c r"]
 ) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
-    """How far each frame's own pose (`poses`) moves the predicted ranges, m, and what it costs by its prior, nats
+    """How far each frame's own pose (`frame_poses`) moves the predicted ranges, m, and what it costs by its prior, nats
     of log-likelihood."""
-    pose = poses(ev, eq, predicted_m, on=on)
+    pose = frame_poses(ev, eq, predicted_m, on=on)
     cost = 0.5 * jnp.sum((pose / jnp.asarray(POSE_SD, jnp.float32)[None]) ** 2, axis=-1)
     return moved_by(ev, pose, predicted_m), cost
 

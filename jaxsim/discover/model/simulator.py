@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
@@ -19,7 +20,6 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.model.cast import RayIndex, Surfaces
 from jaxsim.discover.model.noise_levels import (
     BINS,
-    FEWEST,
     STEEPEST_COSINE,
     Levels,
     cosine_of,
@@ -27,7 +27,8 @@ from jaxsim.discover.model.noise_levels import (
     lattices_of,
     noise_levels,
 )
-from jaxsim.discover.model.smooth import Smooth, half_width, smooth_frames
+from jaxsim.discover.model.smooth import Smooth, smooth_frames, window_columns
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.effects.scan import slopes_of
 from jaxsim.frame import Array
@@ -110,7 +111,7 @@ def meant(
     if noise.range_m > 0 or noise.of_intensity:
         smooth = smooth_frames(
             scan,
-            half=half_width(scan),
+            half=window_columns(scan),
             by_cosine=noise.follows_cosine,
             range_sd_m=jnp.float32(noise.range_m),
             intensity_sd=jnp.array([noise.intensity, noise.intensity_share], jnp.float32),
@@ -140,12 +141,17 @@ def _meant_intensities(scan: Scan, smooth: Smooth, noise: Levels) -> tuple[Scan,
     trust = reliability(detail, variance, level, semantic=np.asarray(scan.semantic), where=trusted)
     intensities = MeantIntensities(
         detail=smooth.detail,
-        detail_variance=jnp.asarray(variance * trust * (1 - trust), jnp.float32),
+        detail_variance=jax.device_put(np.asarray(variance * trust * (1 - trust), np.float32)),
         trusted=smooth.trusted,
-        level=jnp.log(jnp.maximum(jnp.asarray(level, jnp.float32), FLOOR)),
+        level=_log(jax.device_put(np.asarray(level, np.float32))),
         leverage=smooth.leverage,
     )
-    return replace(scan, intensity=jnp.asarray(level * np.exp(trust * detail), jnp.float32)), intensities
+    return replace(scan, intensity=jax.device_put(np.asarray(level * np.exp(trust * detail), np.float32))), intensities
+
+
+def _log(level: Float[Array, "f r c"]) -> Float[Array, "f r c"]:
+    """Its logarithm, of FLOOR where it is less."""
+    return jnp.log(jnp.maximum(level, FLOOR))
 
 
 @struct.dataclass
@@ -241,7 +247,7 @@ def reliability(
             continue
         # Noise hides more of dark surfaces than of bright ones: one share for all would leave both wrong.
         order = np.argsort(level[of])
-        bins = np.array_split(order, max(1, min(BINS, len(order) // FEWEST)))
+        bins = np.array_split(order, max(1, min(BINS, len(order) // RULES.fewest_differences)))
         at = np.array([np.median(level[of][b]) for b in bins])
         total = np.array([np.mean(detail[of][b] ** 2) for b in bins])
         noise = np.array([np.mean(variance[of][b]) for b in bins])

@@ -85,7 +85,7 @@ class Window:
         return [*self.design, self.left**2, self.up**2]
 
 
-def half_width(scan: Scan) -> int:
+def window_columns(scan: Scan) -> int:
     """Columns to each side that a window has."""
     # Steps as turns: the seam of a full turn is one step too, not a jump of 360 degrees.
     azimuth = np.asarray(scan.grid.azimuth_rad, float)
@@ -93,7 +93,17 @@ def half_width(scan: Scan) -> int:
     return int(np.clip(round(REACH_RAD / max(step, 1e-6)), LEAST_HALF, MOST_HALF))
 
 
-def window_of(
+def _neighbours(
+    half: int, columns: int
+) -> tuple[Int[np.ndarray, "k 1"], Int[np.ndarray, "k 1"], Int[np.ndarray, "k c"]]:
+    """Rows up and columns left of each ray of a window, and the columns that they come to, which may lie beyond."""
+    across = sorted({round(k) for k in np.linspace(-half, half, COLUMNS)})
+    up_by = np.repeat(np.arange(-ROWS, ROWS + 1), len(across))[:, None]
+    left_by = np.tile(across, 2 * ROWS + 1)[:, None]
+    return up_by, left_by, np.arange(columns) + left_by
+
+
+def row_window(
     scan: Scan,
     frame: Int[Array, ""],
     row: Int[Array, ""],
@@ -107,10 +117,7 @@ def window_of(
     intensities by the cosine of the incidence. `intensity_sd` is their noise: the same for all, and as a share."""
     azimuth, elevation = scan.grid.azimuth_rad, scan.grid.elevation_rad
     rows, columns = len(elevation), len(azimuth)
-    across = sorted({round(k) for k in np.linspace(-half, half, COLUMNS)})
-    up_by = np.repeat(np.arange(-ROWS, ROWS + 1), len(across))[:, None]
-    left_by = np.tile(across, 2 * ROWS + 1)[:, None]
-    column = np.arange(columns) + left_by
+    up_by, left_by, column = _neighbours(half, columns)
     # A full turn goes on at its other end; a sector has nothing beyond its ends.
     beyond = jnp.asarray((column < 0) | (column >= columns)) & ~spans_turn(scan.grid)
     beyond = beyond | (row + up_by < 0) | (row + up_by >= rows)
@@ -125,7 +132,7 @@ def window_of(
     # 1 / range of a plane is linear in the ray's direction, whatever its slope: a plane is a straight line here.
     ratio = jnp.maximum(own(scan.range_m), 0.1) / jnp.maximum(there(scan.range_m), 0.1)
     e, own_e = elevation[at[0]], elevation[row]
-    turn = left_by.astype(np.float32) * (azimuth[1] - azimuth[0])
+    turn = left_by.astype("f4") * (azimuth[1] - azimuth[0])
     # On level ground 1 / range goes with the sine of the elevation, from row to row by a large step.
     ground = jnp.sin(e) / jnp.minimum(jnp.sin(own_e), -1e-3)
     near = (jnp.abs(ratio - 1) < STEEPEST_SLOPE * jnp.abs(turn) + JUMP) | (jnp.abs(ratio - ground) < JUMP)
@@ -208,7 +215,7 @@ def _smooth_row(
 ) -> dict[str, Array]:
     """The fields of `Smooth` for a row of a frame."""
     reach = half * jnp.abs(scan.grid.azimuth_rad[0] - scan.grid.azimuth_rad[1])
-    window = window_of(scan, frame, row, half=half, by_cosine=by_cosine, reach=reach, intensity_sd=intensity_sd)
+    window = row_window(scan, frame, row, half=half, by_cosine=by_cosine, reach=reach, intensity_sd=intensity_sd)
     range_m, incidence_rad = scan.range_m[frame, row], scan.incidence_rad[frame, row]
     middle = window.ratio.shape[0] // 2
     own_q = 1 / jnp.maximum(range_m, 0.1)

@@ -27,7 +27,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES, log_reported, log_stray, near_sd
 from jaxsim.discover.model.noise import range_variance
 from jaxsim.discover.model.null import fit_null, standardised
-from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, levels_of, moved_by, poses
+from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, frame_poses, levels_of, moved_by
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.name.unexplained import free_curves, sure
@@ -148,7 +148,7 @@ def _readings(
     hit = np.asarray(rays.hit)
     shape = residual_m.shape
     # The pose: predicted and drawn like a level.
-    pose = np.asarray(poses(ev, w, ev.rays.reading_m, on=ev.returned & ev.rays.hit))
+    pose = np.asarray(frame_poses(ev, w, ev.rays.reading_m, on=ev.returned & ev.rays.hit))
     pose = jnp.asarray(sign[:, None] * pose + _correlated(rng, np.asarray(w.pose)), jnp.float32)
     reading = np.asarray(rays.reading_m + moved_by(ev, pose, rays.reading_m))
     usual = reading + np.sqrt(np.asarray(range_variance(ev, noise))) * rng.standard_t(DEGREES, shape)

@@ -110,7 +110,7 @@ def scenes_by_size(of: Cells, facts: Facts) -> FoundRegion | None:
         return None
     excess = _by_half(of.excess, facts)
     curvature = _by_half(of.curvature, facts)
-    p = alike(excess[0], excess[1])
+    p = likeness_p_value(excess[0], excess[1])
     size = excess.sum(0) / np.maximum(curvature.sum(0), 1e-9)
     order = np.argsort(-size)
     # The widest gap between neighbours in size that leaves enough scenes on both sides.
@@ -122,7 +122,7 @@ def scenes_by_size(of: Cells, facts: Facts) -> FoundRegion | None:
     return FoundRegion(Question("scene", (region,), masks), 0, p)
 
 
-def alike(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
+def likeness_p_value(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
     """How often scenes resemble themselves so well if the excesses of one half are dealt out anew; no scene counts for
     more than the third largest."""
     a = clipped(first - first.mean())

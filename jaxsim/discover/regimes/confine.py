@@ -17,7 +17,7 @@ from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, too_rich, worse
 from jaxsim.discover.read import Division
-from jaxsim.discover.regimes.questions import Facts, arc, cells
+from jaxsim.discover.regimes.questions import Facts, arc, cells_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
@@ -88,7 +88,7 @@ def sharpened(region: Region, effect: Law, result: Fit, *, problem: Problem, fac
 
     Sectors are asked about in steps, and columns of a region that lie outside the effect's make it look smaller."""
     columns = facts.scan.range_m.shape[2]
-    whole = cells(effect, problem, z=result.z, noise=result.noise, sector=facts.column, sectors=columns)
+    whole = cells_of(effect, problem, z=result.z, noise=result.noise, sector=facts.column, sectors=columns)
     slope = whole.slope.sum(0)
     curvature = whole.curvature.sum(0)
     inside = np.asarray(region.in_sector(np.asarray(facts.scan.grid.azimuth_rad)))

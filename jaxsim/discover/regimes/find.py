@@ -18,7 +18,7 @@ from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, wor
 from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_discovery_rates, scenes_by_size
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
-from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells, questions
+from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells_of, questions
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import ratio_interval
 from jaxsim.discover.verdict import Interval, Regime
@@ -35,11 +35,11 @@ def sizes(one: Confined, facts: Facts) -> tuple[Interval, Interval]:
     scenes."""
     result = one.step.fit
     law = one.step.chosen.effect
-    inside = cells(law, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
+    inside = cells_of(law, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
     # Outside is asked with the effect in place inside, where nothing is left to ask for.
     opposite = within(one.plain, one.region, one.frames, outside=True)
     beside = replace(one.problem, ev=on_top(law, one.problem, result.z).ev)
-    outside = cells(opposite, beside, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
+    outside = cells_of(opposite, beside, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
     return _size(inside, facts), _size(outside, facts)
 
 
@@ -67,7 +67,7 @@ class RegimeNumbers(NamedTuple):
 def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
     result = one.step.fit
-    whole = cells(one.plain, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
+    whole = cells_of(one.plain, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
     columns = np.asarray(one.region.in_sector(azimuth))
     if divides == "azimuth":
@@ -275,7 +275,7 @@ def _divisions(
     their own sizes."""
     # Even and odd columns apart: noise does not agree between them, what a scene shows does.
     halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
-    both = cells(effect, problem, z=result.z, noise=result.noise, sector=halves, sectors=2 * facts.sectors)
+    both = cells_of(effect, problem, z=result.z, noise=result.noise, sector=halves, sectors=2 * facts.sectors)
     by_size = scenes_by_size(both, facts)
     whole = both.folded()
     return [*(ask(question, whole, facts.scene) for question in asked), *([by_size] if by_size else [])]

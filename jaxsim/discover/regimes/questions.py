@@ -47,7 +47,7 @@ class Cells:
         return Cells(self.slope[:, ::2] + self.slope[:, 1::2], self.curvature[:, ::2] + self.curvature[:, 1::2])
 
 
-def cells(
+def cells_of(
     effect: Law,
     problem: Problem,
     *,

@@ -24,14 +24,14 @@ from jaxsim.discover.register.registration import (
     NUMBERS,
     POSE,
     TRAVEL,
+    MeasuredPoints,
     Met,
     Motion,
-    Points,
+    RegisteredSides,
     Registration,
-    Sides,
     meet,
-    origin_of,
     predicted,
+    sensor_positions,
     sides_of,
     turned,
 )
@@ -147,7 +147,7 @@ def register(
     )
 
 
-def _from_the_best(sides: Sides, motion: Motion, ways: Float[np.ndarray, " k"], *, number: int) -> Motion:
+def _from_the_best(sides: RegisteredSides, motion: Motion, ways: Float[np.ndarray, " k"], *, number: int) -> Motion:
     """Each frame's motion with that of the `ways` added to one of its numbers which agrees best."""
     tried = np.repeat(motion[None], len(ways), axis=0)
     tried[..., number] += ways[:, None]
@@ -155,16 +155,16 @@ def _from_the_best(sides: Sides, motion: Motion, ways: Float[np.ndarray, " k"], 
     return tried[np.argmin(losses, axis=0), np.arange(len(motion))]
 
 
-def loss(sides: Sides, motion: Motion, width: float = COARSE[0]) -> Float[np.ndarray, " f"]:
+def loss(sides: RegisteredSides, motion: Motion, width: float = COARSE[0]) -> Float[np.ndarray, " f"]:
     """How badly each frame's points lie on the planes that they meet, 0..1 (Geman & McClure's)."""
-    points = turned(sides, motion)[0] + origin_of(sides, motion)
+    points = turned(sides, motion)[0] + sensor_positions(sides, motion)
     met = meet(sides, points)
     square = (_off(met, points) / _width(sides, width)) ** 2
     return np.sum(np.where(met.inside, square / (1 + square), 0), -1) / np.maximum(met.inside.sum(-1), 1)
 
 
 def climb(
-    sides: Sides,
+    sides: RegisteredSides,
     motion: Motion,
     widths: Float[np.ndarray, " k"],
     *,
@@ -192,7 +192,7 @@ def climb(
 
 
 def sandwich(
-    sides: Sides, motion: Float[np.ndarray, " 8"], scene: Int[np.ndarray, " f"], *, free: Free
+    sides: RegisteredSides, motion: Float[np.ndarray, " 8"], scene: Int[np.ndarray, " f"], *, free: Free
 ) -> Float[np.ndarray, " 8"]:
     """Half widths of the common motion's interval (White 1982): the filling is the scatter of the scenes' slopes, or
     the curvature's where that is wider. 0 for what is held."""
@@ -210,7 +210,7 @@ def sandwich(
     return half
 
 
-def frame_sd(sides: Sides, motion: Motion, *, free: Free) -> Motion:
+def frame_sd(sides: RegisteredSides, motion: Motion, *, free: Free) -> Motion:
     """Standard deviations of each frame's numbers by what its points leave over (White 1982); 0 for what is held."""
     slope, weight, off = _linear(sides, motion, COARSE[-1], free=free)
     matrix = np.swapaxes(slope * weight[..., None], 1, 2) @ slope + free.precision
@@ -223,7 +223,7 @@ def frame_sd(sides: Sides, motion: Motion, *, free: Free) -> Motion:
 
 
 def _equations(
-    sides: Sides, motion: Motion, width: float, *, free: Free
+    sides: RegisteredSides, motion: Motion, width: float, *, free: Free
 ) -> tuple[Float[np.ndarray, "f k k"], Float[np.ndarray, "f k"]]:
     """Gauss and Newton's, of each frame at its motion: matrix and right side of the step in what is free."""
     slope, weight, off = _linear(sides, motion, width, free=free)
@@ -232,11 +232,11 @@ def _equations(
 
 
 def _linear(
-    sides: Sides, motion: Motion, width: float, *, free: Free
+    sides: RegisteredSides, motion: Motion, width: float, *, free: Free
 ) -> tuple[Float[np.ndarray, "f n k"], Float[np.ndarray, "f n"], Float[np.ndarray, "f n"]]:
     """How each point's distance from its plane changes with what is free, its Tukey weight, and the distance, m."""
     ray, lifted = turned(sides, motion)
-    points = ray + origin_of(sides, motion)
+    points = ray + sensor_positions(sides, motion)
     met = meet(sides, points)
     off = _off(met, points)
     weight = np.where(met.inside, np.maximum(1 - (off / _width(sides, width)) ** 2, 0) ** 2, 0)
@@ -247,11 +247,11 @@ def _linear(
     return slope[..., free.numbers], weight, off
 
 
-def _off(met: Met, place: Points) -> Float[np.ndarray, "f n"]:
+def _off(met: Met, place: MeasuredPoints) -> Float[np.ndarray, "f n"]:
     """How far planes lie beyond points, m."""
     return met.away_m - np.sum(met.normal * place, -1)
 
 
-def _width(sides: Sides, width: float) -> Float[np.ndarray, "f n"]:
+def _width(sides: RegisteredSides, width: float) -> Float[np.ndarray, "f n"]:
     # Neighbouring rays, and so the planes' errors, lie farther apart far off.
     return width * (1 + sides.range_m / FAR_M)

@@ -27,7 +27,7 @@ TRAVEL = 7
 """and the way driven forward during the scan, m."""
 NUMBERS = 8
 Motion = Float[np.ndarray, "*f 8"]
-Points = Float[np.ndarray, "f n 3"]
+MeasuredPoints = Float[np.ndarray, "f n 3"]
 PARTS = {"extrinsic_translation": slice(0, 3), "extrinsic_rotation": slice(3, 6), "beam_elevation_error": slice(6, 7)}
 """Parts of a motion: what each effect of a mounting, or of the table of beams, changes."""
 SCAN_S = 0.1
@@ -35,7 +35,7 @@ SCAN_S = 0.1
 
 
 @dataclass(frozen=True)
-class Sides:
+class RegisteredSides:
     """The simulated images, and n measured points of each frame."""
 
     azimuth_rad: Float[np.ndarray, " c"]
@@ -48,15 +48,15 @@ class Sides:
     slopes: Float[np.ndarray, "f r c 2"]
     row: Int[np.ndarray, "f n"]
     range_m: Float[np.ndarray, "f n"]
-    direction: Points
-    upward: Points
+    direction: MeasuredPoints
+    upward: MeasuredPoints
     """Change of the direction with the elevation."""
     late: Float[np.ndarray, "f n"]
     """Place within the scan, from its middle, -1/2..1/2."""
     counts: Bool[np.ndarray, "f n"]
     """Frames with fewer returns have fewer points."""
 
-    def thinned(self, every: int) -> Sides:
+    def thinned(self, every: int) -> RegisteredSides:
         """The same sides with some of the points alone."""
         of_points = ("row", "range_m", "direction", "upward", "late", "counts")
         return replace(self, **{name: getattr(self, name)[:, ::every] for name in of_points})
@@ -66,14 +66,14 @@ class Sides:
 class Met:
     """The planes that points are held against."""
 
-    normal: Points
+    normal: MeasuredPoints
     away_m: Float[np.ndarray, "f n"]
     """Distance of the plane from the origin."""
     inside: Bool[np.ndarray, "f n"]
     """Whether there is one."""
 
 
-def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.ndarray, "f r c"]) -> Sides:
+def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.ndarray, "f r c"]) -> RegisteredSides:
     """A simulated scan, and points of the measured ranges, drawn evenly."""
     grid = scan.grid
     count = int(np.clip(POINTS // len(range_m), FEWEST_POINTS, MOST_POINTS))
@@ -93,7 +93,7 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
     e = elevation[row]
     # An image closes where one more column would stand on the first.
     step = abs(azimuth[1] - azimuth[0])
-    return Sides(
+    return RegisteredSides(
         azimuth_rad=azimuth,
         elevation_rad=elevation,
         origin_m=np.asarray(grid.origin_m, float),
@@ -109,13 +109,13 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
     )
 
 
-def origin_of(sides: Sides, motion: Motion) -> Points:
+def sensor_positions(sides: RegisteredSides, motion: Motion) -> MeasuredPoints:
     """Gives where the sensor was as each point was measured, m."""
     driven = motion[:, TRAVEL, None] * sides.late
     return motion[:, None, :3] + np.stack([driven, 0 * driven, 0 * driven], axis=-1)
 
 
-def turned(sides: Sides, motion: Motion) -> tuple[Points, Points]:
+def turned(sides: RegisteredSides, motion: Motion) -> tuple[MeasuredPoints, MeasuredPoints]:
     """The points from the origin of their beam as the simulator has its axes, and their change with beams' lift."""
     lift = motion[:, LIFT, None, None]
     ahead = np.cos(lift) * sides.direction + np.sin(lift) * sides.upward
@@ -126,7 +126,7 @@ def turned(sides: Sides, motion: Motion) -> tuple[Points, Points]:
     return (far * ahead) @ np.swapaxes(matrix, 1, 2), (far * upward) @ np.swapaxes(matrix, 1, 2)
 
 
-def meet(sides: Sides, points: Points) -> Met:
+def meet(sides: RegisteredSides, points: MeasuredPoints) -> Met:
     """The planes of the cells in whose direction points lie, from their beams' own origins."""
     x, y, z = np.moveaxis(points, -1, 0)
     rows = len(sides.elevation_rad)
@@ -157,10 +157,10 @@ def meet(sides: Sides, points: Points) -> Met:
     return Met(normal, away, inside & (sides.planes_m[at] > 0))
 
 
-def predicted(sides: Sides, motion: Motion) -> Float[np.ndarray, "f n"]:
+def predicted(sides: RegisteredSides, motion: Motion) -> Float[np.ndarray, "f n"]:
     """The simulated range of every point's ray at the frames' motions, m; NaN where it meets nothing."""
     ray, _ = turned(sides, motion)
-    origin = origin_of(sides, motion)
+    origin = sensor_positions(sides, motion)
     met = meet(sides, ray + origin)
     towards = np.sum(met.normal * ray, -1) / sides.range_m
     away = met.away_m - np.sum(met.normal * origin, -1)

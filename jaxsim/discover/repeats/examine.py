@@ -24,7 +24,7 @@ from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.read import NOTHING_YET, Division
 from jaxsim.discover.repeats.find import FoundPattern, find_repeats
-from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, form_of, learn_repeats
+from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, learn_repeats, pattern_form
 from jaxsim.discover.repeats.maps import Maps, maps_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
@@ -74,7 +74,7 @@ class Dense:
             return self.maps(chain, refitted(in_place(self.null, chain)).noise if laws else noise)
 
         rows, columns = self.division.scan.range_m.shape[1:]
-        return learn_repeats([form_of(one, rows, columns) for one in patterns], self.finding, maps_with)
+        return learn_repeats([pattern_form(one, rows, columns) for one in patterns], self.finding, maps_with)
 
 
 def examine(

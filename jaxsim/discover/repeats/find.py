@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from jaxsim.discover.repeats.maps import Maps, Pattern, Scale, scales
+from jaxsim.discover.repeats.maps import Maps, PatternMap, PatternScale, scales
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import jackknife_half_width, p_value, signs_of
 from jaxsim.discover.verdict import Interval, Repeat
@@ -80,7 +80,7 @@ def of_maps(
 ) -> Agreement:
     """Asks of all patterns together: whether the maps of scenes resemble each other, pair by pair, whatever they show.
     One statistic, which sees also what each place alone is too weak, or too rarely seen, to show."""
-    pairs = alike(sums)
+    pairs = scene_products(sums)
     spread = np.sqrt((pairs**2).sum() / 2)
     if spread <= 0:
         return Agreement(np.zeros(1), np.zeros(len(signs)), np.zeros(1))
@@ -98,7 +98,7 @@ def _as_one(pairwise: Float[np.ndarray, " f"], scenes: int) -> Float[np.ndarray,
     return np.sqrt(2 * np.maximum(1 + pairwise * np.sqrt(2 * (scenes - 1) / scenes), 0))
 
 
-def alike(sums: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n n"]:
+def scene_products(sums: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n n"]:
     """Products of each two scenes' maps, 0 of a scene with itself."""
     pairs = sums @ sums.T
     np.fill_diagonal(pairs, 0)
@@ -110,7 +110,7 @@ class FoundPattern:
     """A pattern that repeats."""
 
     repeat: Repeat
-    scale: Scale
+    scale: PatternScale
     number: int
     """Number of the pattern among the scale's."""
     phase: complex
@@ -134,7 +134,9 @@ def find_repeats(
     signs = signs_of(int(finding.sum()))
     remaining = {channel: replace(one, total=one.centred(one.total)) for channel, one in maps.items()}
     looked = {
-        channel: Look.at(one, finding, signs, bins=bins) for channel, one in remaining.items() if one.weight.any()
+        channel: ChannelScales.at(one, finding, signs, bins=bins)
+        for channel, one in remaining.items()
+        if one.weight.any()
     }
     patterns: list[FoundPattern] = []
     for _ in range(rounds):
@@ -159,21 +161,23 @@ def find_repeats(
             patterns.append(FoundPattern(repeat, scale, k, phase))
         # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
         remaining[channel] = replace(maps_left, total=maps_left.total - height * response)
-        looked[channel] = Look.at(remaining[channel], finding, signs, bins=bins)
+        looked[channel] = ChannelScales.at(remaining[channel], finding, signs, bins=bins)
     return tuple(sorted(patterns, key=lambda one: one.repeat.p_value))
 
 
 @dataclass(frozen=True)
-class Look:
+class ChannelScales:
     """All scales of one channel."""
 
-    scales: list[Scale]
+    scales: list[PatternScale]
     sums: dict[tuple[str, str], Num[np.ndarray, "n _"]]
     """Sums of each scale's patterns, by its name and axis."""
     agreement: list[Agreement]
 
     @classmethod
-    def at(cls, maps: Maps, finding: Bool[np.ndarray, " n"], signs: Float[np.ndarray, "f s"], *, bins: int) -> Look:
+    def at(
+        cls, maps: Maps, finding: Bool[np.ndarray, " n"], signs: Float[np.ndarray, "f s"], *, bins: int
+    ) -> ChannelScales:
         """Looks at a channel's maps, already centred."""
         every = scales(*maps.total.shape[1:], bins=bins)
         sums = {(one.name, one.along): one.sums(maps.total) for one in every}
@@ -192,7 +196,7 @@ class Look:
         return cls(every, sums, agreement)
 
 
-def strongest(looked: Mapping[str, Look]) -> tuple[str, Scale, int, float] | None:
+def strongest(looked: Mapping[str, ChannelScales]) -> tuple[str, PatternScale, int, float] | None:
     """The pattern that explains most of those that chance does not: channel, scale, number, and its probability. One
     pattern is told rather than all together where it explains `Rules.repeats_one_pattern` of what these do."""
     if not looked:
@@ -210,7 +214,7 @@ def strongest(looked: Mapping[str, Look]) -> tuple[str, Scale, int, float] | Non
     return best
 
 
-def mean_map(maps: Maps, finding: Bool[np.ndarray, " n"], scale: Scale) -> Pattern:
+def mean_map(maps: Maps, finding: Bool[np.ndarray, " n"], scale: PatternScale) -> PatternMap:
     """The find scenes' mean residual of each row, column or cell; 0 where there is none."""
     axis = {"row": (0, 2), "column": (0, 1)}.get(scale.along, (0,))
     weight = maps.weight[finding].sum(axis, keepdims=True)[0]
@@ -225,14 +229,14 @@ def height_of(shows: Float[np.ndarray, " n"], answers: Float[np.ndarray, " n"], 
     return _interval(shows.sum() / max(answers.sum(), 1e-12), without, channel)
 
 
-def common_size(maps: Maps, scale: Scale, channel: str) -> Interval:
+def common_size(maps: Maps, scale: PatternScale, channel: str) -> Interval:
     """Root mean square of the pattern that scenes have in common: what products of any two scenes' maps add up to, over
     what they would if a pattern of random signs and height 1 were all that is there."""
     grid = maps.total.shape[1:]
     shape = [count if name in scale.along else 1 for count, name in zip(grid, ("row", "column"), strict=True)]
     made = np.broadcast_to(np.random.default_rng(0).choice([-1.0, 1.0], shape), grid).copy()
-    shows = alike(scale.sums(maps.total)).sum(1)
-    answers = alike(scale.sums(maps.centred(maps.response(made)))).sum(1)
+    shows = scene_products(scale.sums(maps.total)).sum(1)
+    answers = scene_products(scale.sums(maps.centred(maps.response(made)))).sum(1)
     # A product belongs to both of its scenes: without one of them, what it shares with all others goes twice.
     without = (shows.sum() - 2 * shows) / np.maximum(answers.sum() - 2 * answers, 1e-12)
     square = shows.sum() / max(answers.sum(), 1e-12)
@@ -251,7 +255,7 @@ def convincing(p_judge: float, judges: int) -> bool:
 
 
 def repeat_of(
-    channel: str, scale: Scale, k: int, *, phase: complex, size: Interval, p: float, p_judge: float
+    channel: str, scale: PatternScale, k: int, *, phase: complex, size: Interval, p: float, p_judge: float
 ) -> Repeat:
     """The k-th pattern of a scale in words."""
     height = f"{LETTER[channel]} ≈ {size.value:.3g}"

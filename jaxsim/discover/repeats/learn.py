@@ -16,12 +16,12 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.repeats.find import FoundPattern, common_size, height_of, repeat_of
-from jaxsim.discover.repeats.maps import Maps, Pattern, Sums
+from jaxsim.discover.repeats.maps import Maps, MapSums, PatternMap
 from jaxsim.discover.verdict import Interval, Repeat
 from jaxsim.effects import Law
 from jaxsim.effects.learned import LIMITS, Learned
 
-Heights = Float[np.ndarray, " m"]
+_Heights = Float[np.ndarray, " m"]
 STEPS = 8
 """Steps of conjugate gradients, at most: levels take up about the same share of all heights, so that few are enough."""
 CLOSE = 1e-3
@@ -38,17 +38,17 @@ class RepeatForm:
     origin: FoundPattern
     count: int
     """How many heights there are."""
-    spread: Callable[[Heights], Pattern]
+    spread: Callable[[_Heights], PatternMap]
     """The pattern of so many heights."""
-    gather: Callable[[Sums], Float[np.ndarray, "n m"]]
+    gather: Callable[[MapSums], Float[np.ndarray, "n m"]]
     """The transpose of `spread`, scene by scene: how much the heights have to do with each scene's cells."""
-    information: Callable[[Pattern], Heights]
+    information: Callable[[PatternMap], _Heights]
     """Information on each height alone, of these weights of the cells."""
     variance: float
     """Variance of the heights, where they are many and share one: how large the pattern is. Infinite where each is its
     own."""
 
-    def learned(self, heights: Heights, sd: Heights) -> Learned:
+    def learned(self, heights: _Heights, sd: _Heights) -> Learned:
         """The law of fitted heights."""
         channel, scale = self.origin.repeat.channel, self.origin.scale
         if scale.turns:
@@ -70,17 +70,17 @@ class RepeatForm:
         return _table(self.spread(heights), self.spread(sd), along=scale.along, channel=channel)
 
 
-def form_of(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
+def pattern_form(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
     """The form of a pattern on a grid of so many rows and columns."""
     scale, k = origin.scale, origin.number
     if scale.pattern is None:
         shape = [count if name in scale.along else 1 for name, count in (("row", rows), ("column", columns))]
         alone = tuple(axis + 1 for axis, count in enumerate(shape) if count == 1)
 
-        def gather(total: Sums) -> Float[np.ndarray, "n m"]:
+        def gather(total: MapSums) -> Float[np.ndarray, "n m"]:
             return total.sum(alone, keepdims=True).reshape(len(total), -1)
 
-        def spread(heights: Heights) -> Pattern:
+        def spread(heights: _Heights) -> PatternMap:
             return np.broadcast_to(heights.reshape(shape), (rows, columns))
 
         size = origin.repeat.size.value
@@ -98,7 +98,7 @@ def form_of(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
     )
 
 
-def _table(pattern: Pattern, sd: Pattern, *, along: str, channel: str) -> Learned:
+def _table(pattern: PatternMap, sd: PatternMap, *, along: str, channel: str) -> Learned:
     """A number for each row, column or cell that the pattern changes."""
     axes = [axis for axis, name in enumerate(("row", "column")) if name in along]
     # Along the other axis it is the same everywhere.
@@ -129,7 +129,7 @@ class LearnedRepeat:
 
     repeat: Repeat
     """The pattern with the size that was fitted."""
-    pattern: Pattern
+    pattern: PatternMap
     """Its heights, in the channel's unit."""
     learned: Learned
     judged_nats: float
@@ -156,7 +156,7 @@ def learn_repeats(
             maps = remaining[channel]
             before = {k: maps.centred(maps.response(form.spread(heights[k]))) for k, form in of.items()}
             whole = replace(maps, total=maps.centred(maps.total) + sum(before.values()))
-            heights |= dict(zip(of, solve(whole, list(of.values()), finding), strict=True))
+            heights |= dict(zip(of, solve_heights(whole, list(of.values()), finding), strict=True))
             now = {k: maps.centred(maps.response(form.spread(heights[k]))) for k, form in of.items()}
             rest = whole.total - sum(now.values())
             for k, form in of.items():
@@ -167,15 +167,15 @@ def learn_repeats(
     return tuple(result[k] for k in range(len(forms)))
 
 
-def solve(maps: Maps, forms: Sequence[RepeatForm], finding: Finding) -> list[Heights]:
+def solve_heights(maps: Maps, forms: Sequence[RepeatForm], finding: Finding) -> list[_Heights]:
     """The heights of all forms that fit the find scenes best."""
     cuts = np.cumsum([form.count for form in forms])[:-1]
     stiff = np.concatenate([np.full(form.count, 1 / form.variance) for form in forms])
 
-    def gathered(total: Sums) -> Heights:
+    def gathered(total: MapSums) -> _Heights:
         return np.concatenate([form.gather(total[finding]).sum(0) for form in forms])
 
-    def normal(heights: Heights) -> Heights:
+    def normal(heights: _Heights) -> _Heights:
         parts = np.split(heights, cuts)
         pattern = np.sum([form.spread(part) for form, part in zip(forms, parts, strict=True)], axis=0)
         return gathered(maps.centred(maps.response(pattern))) + stiff * heights
@@ -187,7 +187,7 @@ def solve(maps: Maps, forms: Sequence[RepeatForm], finding: Finding) -> list[Hei
     return np.split(conjugate_gradients(normal, gathered(maps.total), inverse), cuts)
 
 
-def conjugate_gradients(normal: Callable[[Heights], Heights], right: Heights, inverse: Heights) -> Heights:
+def conjugate_gradients(normal: Callable[[_Heights], _Heights], right: _Heights, inverse: _Heights) -> _Heights:
     """x of normal(x) = right, with `inverse` as a guess of what undoes `normal`, number by number (Hestenes & Stiefel
     1952)."""
     x = np.zeros_like(right)
@@ -208,7 +208,7 @@ def conjugate_gradients(normal: Callable[[Heights], Heights], right: Heights, in
 
 
 def _learned(
-    form: RepeatForm, heights: Heights, *, maps: Maps, rest: Sums, answer: Sums, finding: Finding
+    form: RepeatForm, heights: _Heights, *, maps: Maps, rest: MapSums, answer: MapSums, finding: Finding
 ) -> LearnedRepeat:
     """The law of fitted heights, their standard deviations and the pattern's size. `maps` show the pattern and what
     remains, `rest` the latter alone, `answer` the former."""
@@ -238,13 +238,13 @@ def _learned(
     return LearnedRepeat(repeat, pattern, learned, nats, int(finding.sum()), (pattern.shape[0], pattern.shape[1]))
 
 
-def _size(form: RepeatForm, heights: Heights, *, maps: Maps) -> tuple[Interval, complex]:
+def _size(form: RepeatForm, heights: _Heights, *, maps: Maps) -> tuple[Interval, complex]:
     """The size that all scenes show, and the phase of a wave."""
     channel, scale = form.origin.repeat.channel, form.origin.scale
     if scale.pattern is None:
         return common_size(maps, scale, channel), 1.0
     phase = complex(heights[0], -heights[1]) if scale.turns else 1.0
-    pattern: Pattern = scale.pattern(form.origin.number, phase)
+    pattern: PatternMap = scale.pattern(form.origin.number, phase)
     response = maps.centred(maps.response(pattern))
     shows: Float[np.ndarray, " n"] = (maps.total * pattern).sum((1, 2))
     return height_of(shows, (response * pattern).sum((1, 2)), channel), phase

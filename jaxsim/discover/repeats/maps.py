@@ -19,13 +19,13 @@ from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise import DEGREES
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
-from jaxsim.discover.model.null import spread
+from jaxsim.discover.model.null import residual_spread
 from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR
 
-Sums = Float[np.ndarray, "n r c"]
-Pattern = Float[np.ndarray, "r c"]
+MapSums = Float[np.ndarray, "n r c"]
+PatternMap = Float[np.ndarray, "r c"]
 SMALL = 0.1
 """Height of a made pattern, nats and m: far from where levels and poses are clipped."""
 COIN = 0.01
@@ -42,31 +42,31 @@ PER_PERIOD = 2
 class Maps:
     """One channel of n scenes. Rays that are not looked at count nothing: only some columns of each frame are."""
 
-    weight: Sums
+    weight: MapSums
     """Sum over the rays of each cell of 1 / variance in the channel's unit."""
-    total: Sums
+    total: MapSums
     """Weight times residual."""
-    response: Callable[[Pattern], Sums]
+    response: Callable[[PatternMap], MapSums]
     """What `total` would be if the residuals were a pattern (in the channel's unit) and nothing else, levels and poses
     fitted to it."""
-    coarse: Pattern | None = None
+    coarse: PatternMap | None = None
     """What rounding may be off by in each cell, in the channel's unit: half a step a side. Where streets are
     alike, on the road, it repeats. None where nothing is rounded."""
 
-    def rounding(self, pattern: Pattern) -> float:
+    def rounding(self, pattern: PatternMap) -> float:
         """How high rounding may make this pattern: `coarse` in its cells, root mean square."""
         if self.coarse is None:
             return 0.0
         counts = self.weight.sum(0) * pattern**2
         return float(np.sqrt((counts * self.coarse**2).sum() / max(counts.sum(), 1e-12)))
 
-    def centred(self, total: Sums) -> Sums:
+    def centred(self, total: MapSums) -> MapSums:
         """Each scene's weighted mean taken out: a level is no pattern, and would leak between uneven columns."""
         whole = self.weight.sum((1, 2), keepdims=True)
         return total - self.weight * total.sum((1, 2), keepdims=True) / np.maximum(whole, 1e-12)
 
     @classmethod
-    def plain(cls, weight: Sums, residual: Sums) -> Maps:
+    def plain(cls, weight: MapSums, residual: MapSums) -> Maps:
         """Maps of residuals that no level takes up."""
         return cls(weight, weight * residual, lambda pattern: weight * pattern)
 
@@ -84,11 +84,11 @@ def maps_of(
     cell = np.ravel_multi_index((of_scene, row, column), shape).ravel()
     blocks = np.asarray(fitted, np.float32)
 
-    def summed(values: np.ndarray) -> Sums:
+    def summed(values: np.ndarray) -> MapSums:
         flat = np.where(np.isfinite(values), values, 0).ravel()
         return np.bincount(cell, flat, minlength=int(np.prod(shape))).reshape(shape)
 
-    sd_i, sd_r, p = spread(ev, problem.noise)
+    sd_i, sd_r, p = residual_spread(ev, problem.noise)
     p = np.asarray(p, np.float64)
     hit = np.asarray(ev.rays.hit)
     weight_i = np.asarray(eq.intensity, np.float64)
@@ -97,7 +97,7 @@ def maps_of(
     weight_d = np.where(hit, 1 / (p * (1 - p) + COIN), 0)
     off_i, off_r = conditional_residuals(ev, eq, blocks)
 
-    def left_of(channel: int, weight: np.ndarray, variance: np.ndarray) -> Callable[[Pattern], Sums]:
+    def left_of(channel: int, weight: np.ndarray, variance: np.ndarray) -> Callable[[PatternMap], MapSums]:
         steeper = 1 - robust_slope(weight, variance)
 
         # Residuals if measured and simulated differed by the pattern alone: what levels and poses leave of it.
@@ -106,14 +106,14 @@ def maps_of(
             alone = replace(ev, log_intensity=ev.rays.log_intensity + shift, range_m=ev.rays.reading_m + shift)
             return np.asarray(conditional_residuals(alone, eq, blocks)[channel], np.float64)
 
-        def response(pattern: Pattern) -> Sums:
+        def response(pattern: PatternMap) -> MapSums:
             made = SMALL * pattern[row, column]
             # What stays of it in the residuals makes weights smaller, on the side to which it points.
             return summed(weight * only(made - steeper * only(made)) / SMALL)
 
         return response
 
-    def coarse(weight: np.ndarray, *, half_step: float, value: np.ndarray) -> Pattern | None:
+    def coarse(weight: np.ndarray, *, half_step: float, value: np.ndarray) -> PatternMap | None:
         if half_step == 0:
             return None
         squares = summed(weight * (half_step / value) ** 2).sum(0)
@@ -166,16 +166,16 @@ def robust_slope(weight: np.ndarray, variance: np.ndarray) -> float:
 
 
 @dataclass(frozen=True)
-class Scale:
+class PatternScale:
     """k patterns of one kind."""
 
     name: str
     """row, column, cell, parity or wave; `any row`, `any column`, `any cell` ask whether maps agree in any way."""
     along: str
     """row, column, or row x column."""
-    sums: Callable[[Sums], Num[np.ndarray, "n k"]]
+    sums: Callable[[MapSums], Num[np.ndarray, "n k"]]
     """Sums of each scene and pattern; complex of waves."""
-    pattern: Callable[[int, complex], Pattern] | None
+    pattern: Callable[[int, complex], PatternMap] | None
     """The k-th, of height 1; a wave with the phase of a sum. None where all of them together are asked about."""
     words: Callable[[int], str]
     """The place or period."""
@@ -188,7 +188,7 @@ class Scale:
     turns: Callable[[int], tuple[float, float]] | None = None
     """Turns of a wave: its periods in a row, and in a column."""
 
-    def information(self, weight: Sums) -> Float[np.ndarray, " k"]:
+    def information(self, weight: MapSums) -> Float[np.ndarray, " k"]:
         """Variance of each pattern's sum over scenes and cells of these weights."""
         counted = self.sums(weight)
         if self.square is None:
@@ -196,7 +196,7 @@ class Scale:
         return np.full(counted.shape[1], self.square * weight.sum())
 
 
-def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
+def scales(rows: int, columns: int, *, bins: int) -> list[PatternScale]:
     """All scales of a grid; places are groups of columns, `bins` of them: as many as a frame shows columns."""
     bins = min(bins, columns)
     row, column = np.mgrid[:rows, :columns]
@@ -207,7 +207,7 @@ def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
     across = np.arange(PER_PERIOD, PER_PERIOD * columns // 2)
     aslant = PER_PERIOD * _aslant(rows, columns)
 
-    def of_row(total: Sums) -> Float[np.ndarray, "n r"]:
+    def of_row(total: MapSums) -> Float[np.ndarray, "n r"]:
         return total.sum(2)
 
     def beside(k: int) -> str:
@@ -222,29 +222,31 @@ def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
         _parity("row", row, "odd rows against even ones"),
         _parity("column", column, "odd columns against even ones"),
         _parity("row x column", row + column, "a chequerboard of rows and columns"),
-        Scale("row", "row", of_row, lambda k, _: (row == k) * 1.0, lambda k: f"row {k}"),
-        Scale("column", "column", _sums_of(bin_of), lambda k, _: (bin_of == k) * 1.0, beside),
-        Scale("cell", "row x column", _sums_of(group), lambda k, _: (group == k) * 1.0, cell),
+        PatternScale("row", "row", of_row, lambda k, _: (row == k) * 1.0, lambda k: f"row {k}"),
+        PatternScale("column", "column", _sums_of(bin_of), lambda k, _: (bin_of == k) * 1.0, beside),
+        PatternScale("cell", "row x column", _sums_of(group), lambda k, _: (group == k) * 1.0, cell),
         _waves("row", np.stack([up, 0 * up], 1), rows=rows, columns=columns),
         _waves("column", np.stack([0 * across, across], 1), rows=rows, columns=columns),
         _waves("row x column", aslant, rows=rows, columns=columns),
-        Scale("any row", "row", of_row, None, lambda k: "from row to row"),
-        Scale("any column", "column", lambda total: total.sum(1), None, lambda k: "from column to column"),
-        Scale("any cell", "row x column", lambda total: total.reshape(len(total), -1), None, lambda k: "cell by cell"),
+        PatternScale("any row", "row", of_row, None, lambda k: "from row to row"),
+        PatternScale("any column", "column", lambda total: total.sum(1), None, lambda k: "from column to column"),
+        PatternScale(
+            "any cell", "row x column", lambda total: total.reshape(len(total), -1), None, lambda k: "cell by cell"
+        ),
     ]
 
 
-def _sums_of(label: Int[np.ndarray, "r c"]) -> Callable[[Sums], Float[np.ndarray, "n k"]]:
+def _sums_of(label: Int[np.ndarray, "r c"]) -> Callable[[MapSums], Float[np.ndarray, "n k"]]:
     """Sums over the cells of each label."""
     flat = label.ravel()
     count = int(flat.max()) + 1
     return lambda total: np.stack([np.bincount(flat, one.ravel(), minlength=count) for one in total])
 
 
-def _parity(along: str, number: Int[np.ndarray, "r c"], words: str) -> Scale:
+def _parity(along: str, number: Int[np.ndarray, "r c"], words: str) -> PatternScale:
     """Rays of odd `number` against those of even ones, half a height each."""
     odd = number % 2 - 0.5
-    return Scale(
+    return PatternScale(
         "parity",
         along,
         lambda total: np.einsum("nrc,rc->n", total, odd)[:, None],
@@ -262,10 +264,10 @@ def _aslant(rows: int, columns: int) -> Int[np.ndarray, "k 2"]:
     return np.array([(i, j) for i in range(-up, up + 1) if i for j in range(1, across + 1)], int).reshape(-1, 2)
 
 
-def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int) -> Scale:
+def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int) -> PatternScale:
     """Waves of so many steps over rows and columns, a step being the part PER_PERIOD of a period over the image."""
 
-    def sums(total: Sums) -> Num[np.ndarray, "n k"]:
+    def sums(total: MapSums) -> Num[np.ndarray, "n k"]:
         # An axis along which nothing turns is summed first.
         if not steps[:, 0].any():
             total = total.sum(1, keepdims=True)
@@ -275,7 +277,7 @@ def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int
         size = [PER_PERIOD * n if n > 1 else 1 for n in total.shape[1:]]
         return np.stack([np.fft.fft2(one, size)[steps[:, 0], steps[:, 1]] for one in total])
 
-    def pattern(k: int, phase: complex) -> Pattern:
+    def pattern(k: int, phase: complex) -> PatternMap:
         row, column = np.mgrid[:rows, :columns]
         turn = (steps[k, 0] * row / rows + steps[k, 1] * column / columns) / PER_PERIOD
         return np.cos(2 * np.pi * turn + np.angle(phase))
@@ -298,4 +300,4 @@ def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int
         parts = [f"{n:g}·{name}/{size}" for n, name, size in ((up, "row", rows), (across, "column", columns)) if n]
         return f"cos(2π·({' + '.join(parts)}) {np.angle(phase):+.3g})"
 
-    return Scale("wave", along, sums, pattern, words, period, formula, square=1.0, turns=turns)
+    return PatternScale("wave", along, sums, pattern, words, period, formula, square=1.0, turns=turns)

@@ -76,14 +76,14 @@ class Columns:
     """The sign that the first coefficient must have; 0: any."""
 
 
-Change = Callable[[dict[str, Any]], Float[np.ndarray, " n"]]
+_Change = Callable[[dict[str, Any]], Float[np.ndarray, " n"]]
 """The map from values of an effect's parameters to the change of ln I that they make on every ray."""
 
 
-def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray, " q"]) -> Change:
+def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray, " q"]) -> _Change:
     """The function from values of the parameters (in their units, others neutral) to the mean change of ln I of every
     ray of a sensor with so many beams, over readings that lie `spread` nats about the rays' own."""
-    on_device = jax.tree.map(jnp.asarray, rays)
+    on_device = jax.device_put(rays)
 
     @jax.jit
     def mean(values: dict[str, Any]) -> Array:
@@ -94,10 +94,10 @@ def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray
             total = total + effect.apply(values, moved).log_intensity - moved.log_intensity
         return total / len(spread)
 
-    return lambda given: np.asarray(mean(effect.values(given, rows)), np.float64)
+    return lambda given: jax.device_get(mean(effect.values(given, rows))).astype("f8")
 
 
-def columns_of(effect: Effect, change: Change, row: Int[np.ndarray, " n"], *, rows: int) -> list[Columns]:
+def columns_of(effect: Effect, change: _Change, row: Int[np.ndarray, " n"], *, rows: int) -> list[Columns]:
     """The effect's columns at neutral, or at each of its starts: the change that the start makes, whose size is free,
     and beside it the derivatives in the parameters of beams."""
     if not effect.starts:
@@ -114,7 +114,7 @@ def columns_of(effect: Effect, change: Change, row: Int[np.ndarray, " n"], *, ro
 def derivatives(
     effect: Effect,
     values: dict[str, Any],
-    change: Change,
+    change: _Change,
     *,
     row: Int[np.ndarray, " n"],
     rows: int,
@@ -167,7 +167,7 @@ def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
     return np.where(ground, 0, np.where(comparison.rise < 0.5, 1, 2))
 
 
-def classes_of(comparison: UnpairedComparison) -> np.ndarray:
+def ray_classes(comparison: UnpairedComparison) -> np.ndarray:
     """The class of each ray; 0 for all where classes are not known."""
     return np.zeros(len(comparison.scene), np.int32) if comparison.semantic is None else comparison.semantic
 
@@ -187,7 +187,7 @@ def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
         curve(r.azimuth_rad, 9),
     ]
     if comparison.shared_classes:
-        parts.append(one_hot(classes_of(comparison)))
+        parts.append(one_hot(ray_classes(comparison)))
     return np.concatenate(parts, axis=1)
 
 
@@ -219,4 +219,4 @@ def curve_columns(comparison: UnpairedComparison) -> dict[str, Float[np.ndarray,
         "azimuth": curve(r.azimuth_rad, KNOTS),
         "row": one_hot(r.row, np.arange(comparison.rows)),
     }
-    return {**curves, "class": one_hot(classes_of(comparison))} if comparison.shared_classes else curves
+    return {**curves, "class": one_hot(ray_classes(comparison))} if comparison.shared_classes else curves

@@ -17,13 +17,13 @@ from jaxsim.discover.unpaired.columns import (
     OF_INTENSITY,
     Columns,
     change_of,
-    classes_of,
     columns_of,
     curve_columns,
     kinds,
     law_columns,
     one_hot,
     patches,
+    ray_classes,
     scene_columns,
 )
 from jaxsim.discover.unpaired.law import (
@@ -132,7 +132,7 @@ def compare(
 
     # How much of each class, and what intensity, the simulated side has at given covariates.
     simulated = learn & ~sensed
-    mixture = one_hot(classes_of(comparison), _common(classes_of(comparison)[simulated]))
+    mixture = one_hot(ray_classes(comparison), _common(ray_classes(comparison)[simulated]))
     # Regressed on the law's columns: class shares and ln I, as the simulated side has them there.
     by_law = equations_of(np.concatenate([mixture, y[:, None]], axis=1))
     expected = law @ _regressed(by_law, (find & ~comparison.measured).astype(float))

@@ -24,8 +24,6 @@ from jaxsim.effects import EFFECTS
 from jaxsim.effects.places import spans_turn
 from jaxsim.frame import PolarGrid
 
-NEAR = 0.05
-"""A lost ray lay on a smooth surface if its neighbours to both sides returned, with ranges this close, as a share."""
 ROW_PARTS = 3
 SECTORS = 6
 """Parts of the rows and of the azimuth whose losses are compared."""
@@ -49,7 +47,7 @@ class _Side:
         left = np.roll(r, 1, 2)
         right = np.roll(r, -1, 2)
         # NaN of a lost neighbour compares as no surface.
-        smooth = np.abs(left - right) < NEAR * np.minimum(left, right)
+        smooth = np.abs(left - right) < RULES.unpaired_smooth_share * np.minimum(left, right)
         # np.roll brings the other end's rays to the borders.
         smooth[..., [0, -1]] = False
         return cls(lost, smooth, comparison.frame_scene[frames])

@@ -17,7 +17,6 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.discover.checks import all_or_none, check_no_copies, check_one_grid, plausible
 from jaxsim.discover.model.cast import BEND
-from jaxsim.discover.model.evidence import STEEPEST_RAD
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.places import rays_at
@@ -168,7 +167,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     height, rise, bend, smooth = _surface(scan, len(ours.names))
     # A reading of 0 has no logarithm, and says only that it was too weak.
     lit = np.stack([np.asarray(image.intensity) > 0 for image in images])
-    good = smooth & lit & (scan.incidence_rad < STEEPEST_RAD)
+    good = smooth & lit & (scan.incidence_rad < RULES.compared_below_rad)
     at = _thinned(good, frame_scene, rng, most=per_scene)
     rays = jax.tree.map(np.asarray, rays_at(scan, tuple(part.astype(np.int32) for part in at)))
     return UnpairedComparison(

@@ -63,7 +63,7 @@ def refine(problem: Conditional, chosen: Sequence[Columns]) -> Refined:
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearEffects:
     """Effects made linear where they stand."""
 
     equations: Equations
@@ -112,7 +112,7 @@ class JointFit:
         parts = [change(values) for change, values in zip(self.changes, self.values, strict=True)]
         return sum(parts, np.zeros(len(self.problem.y)))
 
-    def linear(self) -> Linear:
+    def linear(self) -> LinearEffects:
         """The effects at their values."""
         row = self.problem.rays.row
         near = self.problem.side[:, self.problem.nuisance.columns]
@@ -123,9 +123,9 @@ class JointFit:
         side = np.concatenate([near, *(part.columns for part in parts)], axis=1)
         precision = np.concatenate([part.precision for part in parts])
         block = Block(near.shape[1] + np.arange(len(precision)), precision)
-        return Linear(equations_without(self.problem, side, self.change()), block, self.z)
+        return LinearEffects(equations_without(self.problem, side, self.change()), block, self.z)
 
-    def ahead(self, linear: Linear, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
+    def ahead(self, linear: LinearEffects, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
         """Where the loss of so weighted scenes would be least if all were linear."""
         pooled = linear.equations.pooled(weight, self.problem.measured)
         # The prior pulls the parameter, not the step, to neutral.
@@ -134,7 +134,7 @@ class JointFit:
         side = solve(pooled, [self.problem.nuisance, linear.block]).side
         return linear.z + side[len(self.problem.nuisance.columns) :]
 
-    def loss(self, linear: Linear) -> float:
+    def loss(self, linear: LinearEffects) -> float:
         """The loss with the effects as they are, nats."""
         nuisance = self.problem.nuisance
         solution = solve(linear.equations.pooled(self.problem.weight, self.problem.measured), [nuisance])
@@ -142,7 +142,7 @@ class JointFit:
         data = linear.equations.losses(solution, self.problem.measured)[self.problem.find].sum()
         return float(data + 0.5 * nuisance.precision @ solution.side**2 + 0.5 * linear.block.precision @ linear.z**2)
 
-    def fit(self) -> Linear:
+    def fit(self) -> LinearEffects:
         """Gauss-Newton steps, each as long as lets the loss fall: effects are not linear in their parameters."""
         linear = self.linear()
         least = self.loss(linear)
@@ -165,7 +165,7 @@ class JointFit:
                 break
         return linear
 
-    def half_widths(self, linear: Linear) -> Float[np.ndarray, " k"]:
+    def half_widths(self, linear: LinearEffects) -> Float[np.ndarray, " k"]:
         """Half widths of the intervals of z: the scatter between scenes, or between rays if that is wider, and how far
         the prior pulls."""
         rng = np.random.default_rng(0)
@@ -183,7 +183,7 @@ class JointFit:
         of_rays = self._covariance(linear, self.problem.inflation)
         return reach * np.sqrt(np.maximum(np.var(draws, axis=0), np.diag(of_rays))) + pull
 
-    def _covariance(self, linear: Linear, information: float) -> Float[np.ndarray, "k k"]:
+    def _covariance(self, linear: LinearEffects, information: float) -> Float[np.ndarray, "k k"]:
         """The covariance of z by rays and prior, the rays' information multiplied."""
         inner = linear.equations.pooled(self.problem.weight, self.problem.measured).inner
         nuisance = self.problem.nuisance

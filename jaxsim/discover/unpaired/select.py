@@ -74,11 +74,11 @@ class UnpairedCandidate:
         )
 
 
-Choice = Selection[UnpairedCandidate]
+UnpairedChoice = Selection[UnpairedCandidate]
 """The effects added."""
 
 
-def choose(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Choice:
+def choose_unpaired(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> UnpairedChoice:
     """Adds the best accepted effect, and again, until none is accepted."""
     steps: list[Step[UnpairedCandidate]] = []
     rest = list(problem.terms)
@@ -86,7 +86,7 @@ def choose(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Choice:
         ranking = rank_terms(problem, rest, draws, added=[step.chosen.term.block for step in steps])
         good = [candidate for candidate in ranking if candidate.accepted]
         if not good or len(steps) == RULES.unpaired_most_effects:
-            return Choice(tuple(steps), tuple(ranking))
+            return UnpairedChoice(tuple(steps), tuple(ranking))
         best = good[0]
         alike = tuple(one for one in ranking if one is not best and _alike(one, best))
         steps.append(Step(best, alike, tuple(ranking)))
@@ -171,7 +171,9 @@ def _folds(measured: np.ndarray) -> np.ndarray:
     return fold
 
 
-def outside_catalogue(problem: Conditional, choice: Choice, curves: Sequence[UnpairedCandidate]) -> Unexplained | None:
+def outside_catalogue(
+    problem: Conditional, choice: UnpairedChoice, curves: Sequence[UnpairedCandidate]
+) -> Unexplained | None:
     """The best free curve if it gains so much more than the best effect that it is none of them."""
     good = [one for one in curves if one.accepted and one.name in CURVES]
     best = choice.steps[0].chosen.total if choice.steps else 0.0

@@ -26,14 +26,20 @@ from jaxsim.discover.explain import named, ranking
 from jaxsim.discover.gap import gap_of, share_of
 from jaxsim.discover.name.select import Log, Step, runner_up
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import Split, split
+from jaxsim.discover.scenes import Split, split_scenes
 from jaxsim.discover.unpaired.columns import INCIDENCE_SET, untold
 from jaxsim.discover.unpaired.conditional import Conditional, compare
 from jaxsim.discover.unpaired.law import Block, Equations, Solution, exchanged, solve
 from jaxsim.discover.unpaired.lost import lattices, lost_rays
 from jaxsim.discover.unpaired.read import PER_SCENE, UnpairedComparison, read_unpaired
 from jaxsim.discover.unpaired.refine import Refined, equations_without, refine
-from jaxsim.discover.unpaired.select import Choice, UnpairedCandidate, choose, outside_catalogue, rank_terms
+from jaxsim.discover.unpaired.select import (
+    UnpairedCandidate,
+    UnpairedChoice,
+    choose_unpaired,
+    outside_catalogue,
+    rank_terms,
+)
 from jaxsim.discover.verdict import CurveLine, Interval, Judged, Named, Result, Verdict, Where
 from jaxsim.effects.chain import SensorModel
 
@@ -64,11 +70,11 @@ def discover_unpaired(
 
     # Name: effects as columns of the measured side, judged by exchanging scenes.
     log(f"fitting {len({term.name for term in problem.terms})} effects that act through what both sides have")
-    choice = choose(problem, draws)
+    choice = choose_unpaired(problem, draws)
     unexplained = outside_catalogue(problem, choice, curves)
     if unexplained:
         # What a free curve outdoes is not named: the catalogue's nearest law would be a wrong answer.
-        choice = Choice((), choice.last)
+        choice = UnpairedChoice((), choice.last)
     lost, of_losses = lost_rays(comparison, find)
 
     # Add: parameters of all of them together.
@@ -80,11 +86,11 @@ def discover_unpaired(
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
-    shown = show_gap(problem, choice.steps, refined)
+    shown = unpaired_gap(problem, choice.steps, refined)
     verdict = Verdict(
         verdict=answer,
         effects=effects,
-        where=where(problem, curves),
+        where=curve_covariates(problem, curves),
         unexplained=unexplained,
         gap=shown.gap,
         closure=shown.closure,
@@ -93,15 +99,15 @@ def discover_unpaired(
         sha256=parts.sha256,
         frames=sum(comparison.frames),
         seconds=time.monotonic() - begun,
-        ranking=ranking(choice, why_not),
-        notes=(*notes(comparison, find), *of_losses),
+        ranking=ranking(choice, why_not_unpaired),
+        notes=(*unpaired_notes(comparison, find), *of_losses),
     )
     grid = comparison.grid
     sensor = SensorModel(tuple((one.name, one.values) for one in effects))
     return Result(verdict, sensor, grid, shown.maps_before, shown.maps_after, shown.curves)
 
 
-def show_gap(problem: Conditional, steps: Sequence[Step[UnpairedCandidate]], refined: Refined) -> Judged:
+def unpaired_gap(problem: Conditional, steps: Sequence[Step[UnpairedCandidate]], refined: Refined) -> Judged:
     """Distances, maps and curves of the measured judge scenes."""
     near = problem.side[:, problem.nuisance.columns]
     plain = equations_without(problem, near, np.zeros(len(problem.y)))
@@ -180,7 +186,7 @@ def divide(comparison: UnpairedComparison) -> tuple[Split, Bool[np.ndarray, " s"
                 f"discover: {len(names)} {word} scenes; where the streets differ each side needs "
                 f"{RULES.unpaired_fewest_scenes} or more. Frames of one drive count as one scene: give more drives"
             )
-        parts.append(split(names, fewest=RULES.unpaired_fewest_scenes))
+        parts.append(split_scenes(names, fewest=RULES.unpaired_fewest_scenes))
     simulated, measured = parts
     together = hashlib.sha256((simulated.sha256 + measured.sha256).encode()).hexdigest()
     whole = Split((*simulated.find, *measured.find), (*simulated.judge, *measured.judge), together)
@@ -199,7 +205,7 @@ def named_by_law(
     return named(step, parameters, more_alike=alike, remedy="frames of the same streets on both sides")
 
 
-def where(problem: Conditional, curves: Sequence[UnpairedCandidate]) -> tuple[Where, ...]:
+def curve_covariates(problem: Conditional, curves: Sequence[UnpairedCandidate]) -> tuple[Where, ...]:
     """The covariates along which free curves gain."""
     # Halves of squares are nats: a gain takes twice itself off the sum of squares.
     squares = 2 * problem.equations.square[problem.find].sum()
@@ -210,7 +216,7 @@ def where(problem: Conditional, curves: Sequence[UnpairedCandidate]) -> tuple[Wh
     )
 
 
-def why_not(candidate: UnpairedCandidate, choice: Choice) -> str:
+def why_not_unpaired(candidate: UnpairedCandidate, choice: UnpairedChoice) -> str:
     """Why a candidate of the first step is not what was named first; empty if it is."""
     first = choice.steps[0] if choice.steps else None
     if first and candidate.name == first.chosen.name:
@@ -227,7 +233,7 @@ def why_not(candidate: UnpairedCandidate, choice: Choice) -> str:
     )
 
 
-def notes(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> tuple[str, ...]:
+def unpaired_notes(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> tuple[str, ...]:
     """What a reader must know."""
     classes = "classes, " if comparison.shared_classes else ""
     lines = [

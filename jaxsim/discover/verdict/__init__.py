@@ -1,7 +1,7 @@
 """The answer, as plain values: what verdict.json holds and the report draws.
 
 Nothing is computed here; the rooms fill these in, and the report reads nothing else. `Verdict` and `Result` hold all;
-their parts are `parts`, in the order in which they are found, and `every_frame`.
+their parts are `parts`, in the order in which they are found.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.verdict.every_frame import EveryFrame, OddFrame
 from jaxsim.discover.verdict.parts import (
     ClosedLaw,
     CurveLine,
@@ -67,6 +66,36 @@ __all__ = [
     "Verdict",
     "Where",
 ]
+
+
+@dataclass(frozen=True)
+class OddFrame:
+    """A frame that the answer serves ill."""
+
+    name: str
+    scene: str
+    nats: float
+    """What it gains by the answer, all channels together."""
+
+
+@dataclass(frozen=True)
+class EveryFrame:
+    """What the answer does on all frames that were not read for it, because so many do not fit into memory."""
+
+    frames: int
+    scenes: int
+    unseen: int
+    """Of these scenes, those of which no frame helped to find or to fit anything."""
+    gained: dict[str, Interval]
+    """Log-likelihood by channel, nats a frame, mean over scenes."""
+    gained_unseen: dict[str, Interval]
+    """The same of the unseen scenes alone."""
+    before: dict[str, Interval]
+    """Mean errors by channel, in the units of the gap, without the answer."""
+    after: dict[str, Interval]
+    """The same with it."""
+    worst: tuple[OddFrame, ...]
+    """The frames that gain least, the least first."""
 
 
 @dataclass(frozen=True)

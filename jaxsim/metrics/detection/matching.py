@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from jaxsim.geometry.boxes import pair_overlap
 from jaxsim.metrics.detection.files import Objects
 
-Rules = Literal["official", "openpcdet"]
+MatchingRules = Literal["official", "openpcdet"]
 METRICS = ("bbox", "bev", "3d")
 # Recalls 0, 1/40, ..., 1: N_SAMPLE_PTS of the devkit.
 SLOTS = 41
@@ -56,7 +56,7 @@ COLUMNS = (("3d", "0.7"), ("bev", "0.7"), ("3d", "0.5"), ("bev", "0.5"), ("bbox"
 """Metric and overlap set of the columns that papers print."""
 
 
-def truth_flags(truth: Objects, kind: str, difficulty: Difficulty, *, rules: Rules) -> Int[np.ndarray, " n"]:
+def truth_flags(truth: Objects, kind: str, difficulty: Difficulty, *, rules: MatchingRules) -> Int[np.ndarray, " n"]:
     """Flags of labelled objects. A height of exactly the limit counts in the official tool, not in OpenPCDet."""
     names, neighbour = truth.lower_kind, CLASSES[kind]
     height = truth.bbox_px[:, 3] - truth.bbox_px[:, 1]
@@ -73,12 +73,12 @@ def detection_flags(detections: Objects, kind: str, difficulty: Difficulty) -> I
     return np.where(low, 1, np.where(detections.lower_kind == kind.lower(), 0, -1))
 
 
-def dont_care(truth: Objects, rules: Rules) -> Bool[np.ndarray, " n"]:
+def dont_care(truth: Objects, rules: MatchingRules) -> Bool[np.ndarray, " n"]:
     """Regions in the image where detections cost nothing. The official tool reads the name in any case."""
     return truth.lower_kind == "dontcare" if rules == "official" else truth.kind == "DontCare"
 
 
-def has_orientation(detections: Objects, rules: Rules) -> bool:
+def has_orientation(detections: Objects, rules: MatchingRules) -> bool:
     """Whether orientation is scored: -10 stands for an unknown alpha.
 
     One such detection ends it in the official tool; OpenPCDet looks at the first of all detections alone.

@@ -22,49 +22,49 @@ from flax import nnx
 from jaxtyping import Float
 
 from jaxsim.frame import Array
-from jaxsim.metrics.inception.network import WIDTHS, Form, Inception
-from jaxsim.weights import Arrays, Converter, fingerprint, fit, kind_of, load_weights
+from jaxsim.metrics.inception.network import WIDTHS, Inception, InceptionForm
+from jaxsim.weights import Arrays, Converter, checked_arrays, fingerprint, load_weights, weights_kind
 
 __all__ = ["CONVERTERS", "KINDS", "WIDTHS", "Extractor", "load_extractor", "open_extractor", "random_extractor"]
 
 BATCH_NORM_EPS = 1e-3
-CLASSES: dict[Form, int] = {"torchvision": 1000, "pytorch_fid": 1008}
+CLASSES: dict[InceptionForm, int] = {"torchvision": 1000, "pytorch_fid": 1008}
 """Outputs of the classifier, which is not used: the only shape in which the two state dicts differ."""
-KINDS: dict[str, Form] = {"inception": "torchvision", "inception_fid": "pytorch_fid"}
+KINDS: dict[str, InceptionForm] = {"inception": "torchvision", "inception_fid": "pytorch_fid"}
 """Kind of converted weights -> the form of the network that they are for."""
 CONVERTERS = {
     "inception": Converter(
         "Inception v3 of torchvision",
         "https://download.pytorch.org/models/inception_v3_google-0cc3c7bd.pth",
-        lambda arrays: fit(arrays, published_shapes("torchvision")),
+        lambda arrays: checked_arrays(arrays, published_shapes("torchvision")),
         digest="0cc3c7bd",
     ),
     "inception_fid": Converter(
         "the FID Inception of pytorch-fid",
         "https://github.com/mseitzer/pytorch-fid/releases/download/fid_weights/pt_inception-2015-12-05-6726825d.pth",
-        lambda arrays: fit(arrays, published_shapes("pytorch_fid")),
+        lambda arrays: checked_arrays(arrays, published_shapes("pytorch_fid")),
         digest="6726825d",
     ),
 }
 """What `jaxsim convert` makes of published weights."""
 SIZE = 299
-Matrix = Float[np.ndarray, "new old"]
+_Matrix = Float[np.ndarray, "new old"]
 
 
 @cache
-def _abstract(form: Form) -> tuple[Any, Any]:
+def _abstract(form: InceptionForm) -> tuple[Any, Any]:
     """Definition, and shapes of all values as nested dicts."""
     definition, state = nnx.split(nnx.eval_shape(lambda: Inception(form, nnx.Rngs(0))))
     return definition, nnx.to_pure_dict(state)
 
 
-def _convolutions(form: Form) -> dict[str, tuple[int, ...]]:
+def _convolutions(form: InceptionForm) -> dict[str, tuple[int, ...]]:
     """Published name of every convolution -> shape of its kernel (rows, columns, in, out)."""
     leaves = jax.tree.leaves_with_path(_abstract(form)[1])
     return {".".join(step.key for step in path[:-1]): leaf.shape for path, leaf in leaves if path[-1].key == "kernel"}
 
 
-def published_shapes(form: Form, *, classifier: bool = True) -> dict[str, tuple[int, ...]]:
+def published_shapes(form: InceptionForm, *, classifier: bool = True) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the published state dict that are read."""
     shapes: dict[str, tuple[int, ...]] = {}
     for name, (rows, columns, channels, width) in _convolutions(form).items():
@@ -73,7 +73,7 @@ def published_shapes(form: Form, *, classifier: bool = True) -> dict[str, tuple[
     return shapes | ({"fc.weight": (CLASSES[form], WIDTHS[-1]), "fc.bias": (CLASSES[form],)} if classifier else {})
 
 
-def _folded(arrays: Arrays, form: Form) -> Any:
+def _folded(arrays: Arrays, form: InceptionForm) -> Any:
     """The network's values: kernels scaled, and biases from the batch norm's stored statistics."""
 
     def adopt(path: Any, leaf: Any) -> np.ndarray:
@@ -92,7 +92,9 @@ def _folded(arrays: Arrays, form: Form) -> Any:
 
 
 @partial(jax.jit, static_argnames=("form", "width"))
-def _pooled(values: Any, images: Float[Array, "b h w c"], *, form: Form, width: int) -> Float[Array, "b width"]:
+def _pooled(
+    values: Any, images: Float[Array, "b h w c"], *, form: InceptionForm, width: int
+) -> Float[Array, "b width"]:
     network = nnx.merge(_abstract(form)[0], values)
     return network(prepared_images(images, form))[width].mean((1, 2))
 
@@ -101,7 +103,7 @@ def _pooled(values: Any, images: Float[Array, "b h w c"], *, form: Form, width: 
 class Extractor:
     """A network with weights, and where its features are taken."""
 
-    form: Form
+    form: InceptionForm
     values: Any
     sha256: str
     """SHA-256 of the weights."""
@@ -150,12 +152,12 @@ def load_extractor(path: Path, width: int = WIDTHS[-1]) -> Extractor:
 
     Raises FileNotFoundError or ValueError, which say what to fetch and convert.
     """
-    kind = kind_of(path) or "inception"
+    kind = weights_kind(path) or "inception"
     if kind not in KINDS:
         raise ValueError(f"inception: {path} holds {kind}; the distance takes {' or '.join(KINDS)} (jaxsim convert)")
     weights = load_weights(path, kind, CONVERTERS[kind])
     form = KINDS[kind]
-    values = jax.tree.map(jnp.asarray, _folded(weights.arrays, form))
+    values = jax.device_put(_folded(weights.arrays, form))
     return Extractor(form, values, weights.sha256, weights.published, width=_checked(width))
 
 
@@ -181,11 +183,11 @@ def random_extractor(width: int = WIDTHS[-1], *, seed: int = 0) -> Extractor:
             arrays[name] = draw.astype(np.float32)
         else:
             arrays[name] = np.full(shape, float(name.endswith(("bn.weight", "running_var"))), np.float32)
-    values = jax.tree.map(jnp.asarray, _folded(arrays, "torchvision"))
+    values = jax.device_put(_folded(arrays, "torchvision"))
     return Extractor("torchvision", values, fingerprint(arrays), published=False, random=True, width=_checked(width))
 
 
-def _gathered(places: Float[np.ndarray, " new taps"], weights: Float[np.ndarray, " new taps"], old: int) -> Matrix:
+def _gathered(places: Float[np.ndarray, " new taps"], weights: Float[np.ndarray, " new taps"], old: int) -> _Matrix:
     """Taps outside are moved to the border's cell."""
     matrix = np.zeros((len(places), old))
     np.add.at(matrix, (np.arange(len(places))[:, None], np.clip(places, 0, old - 1).astype(int)), weights)
@@ -193,7 +195,7 @@ def _gathered(places: Float[np.ndarray, " new taps"], weights: Float[np.ndarray,
 
 
 @cache
-def bilinear(new: int, old: int) -> Matrix:
+def bilinear(new: int, old: int) -> _Matrix:
     """Between the two nearest centres, `align_corners=False`, no antialiasing (pytorch-fid)."""
     # Centres lie half a cell in; PyTorch takes what lies before the first old centre to be there.
     at = np.maximum((np.arange(new) + 0.5) * old / new - 0.5, 0)
@@ -202,7 +204,7 @@ def bilinear(new: int, old: int) -> Matrix:
 
 
 @cache
-def bicubic(new: int, old: int) -> Matrix:
+def bicubic(new: int, old: int) -> _Matrix:
     """Keys' cubic with a = -3/4 over four cells, `align_corners=True`, no antialiasing (Imaginaire)."""
     a = -0.75
     at = np.arange(new) * (old - 1) / max(new - 1, 1)
@@ -215,7 +217,7 @@ def bicubic(new: int, old: int) -> Matrix:
     return _gathered(places, np.where(t <= 1, near, far), old)
 
 
-def prepared_images(images: Float[Array, "b h w c"], form: Form) -> Float[Array, "b 299 299 3"]:
+def prepared_images(images: Float[Array, "b h w c"], form: InceptionForm) -> Float[Array, "b 299 299 3"]:
     """Images in [-1, 1], grey or colour, at the network's size."""
     if images.shape[-1] not in (1, 3):
         raise ValueError(f"inception: images have {images.shape[-1]} channels; it takes 1 (repeated) or 3")

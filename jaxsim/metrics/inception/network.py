@@ -16,7 +16,7 @@ from flax import nnx
 from jax import Array
 from jaxtyping import Float
 
-Form = Literal["torchvision", "pytorch_fid"]
+InceptionForm = Literal["torchvision", "pytorch_fid"]
 Features = Float[Array, "b _h _w _c"]
 
 max_pool = partial(nnx.max_pool, window_shape=(3, 3))
@@ -48,7 +48,7 @@ class Conv(nnx.Conv):
         return jax.nn.relu(super().__call__(x))
 
 
-def _pool(x: Features, form: Form, *, last: bool = False) -> Features:
+def _pool(x: Features, form: InceptionForm, *, last: bool = False) -> Features:
     """The pooling branch: 3 x 3 at every cell."""
     around = ((1, 1), (1, 1))
     # The graph of 2015 takes a maximum in its last block alone; the published weights were trained so.
@@ -68,9 +68,9 @@ def _joined(*branches: Features) -> Features:
 class BlockA(nnx.Module):
     """35 x 35 cells: 1 x 1, 5 x 5, two 3 x 3, pooling."""
 
-    def __init__(self, channels: int, pool: int, form: Form, *, rngs: nnx.Rngs) -> None:
+    def __init__(self, channels: int, pool: int, form: InceptionForm, *, rngs: nnx.Rngs) -> None:
         conv = partial(Conv, rngs=rngs)
-        self.form: Form = form
+        self.form: InceptionForm = form
         self.branch1x1 = conv(channels, 64)
         self.branch5x5_1, self.branch5x5_2 = conv(channels, 48), conv(48, 64, 5)
         self.branch3x3dbl_1, self.branch3x3dbl_2 = conv(channels, 64), conv(64, 96, 3)
@@ -106,9 +106,9 @@ class BlockB(nnx.Module):
 class BlockC(nnx.Module):
     """17 x 17 cells: 7 x 7 taken apart into rows and columns, `n` channels wide inside."""
 
-    def __init__(self, channels: int, n: int, form: Form, *, rngs: nnx.Rngs) -> None:
+    def __init__(self, channels: int, n: int, form: InceptionForm, *, rngs: nnx.Rngs) -> None:
         conv = partial(Conv, rngs=rngs)
-        self.form: Form = form
+        self.form: InceptionForm = form
         self.branch1x1 = conv(channels, 192)
         self.branch7x7_1, self.branch7x7_2 = conv(channels, n), conv(n, n, (1, 7))
         self.branch7x7_3 = conv(n, 192, (7, 1))
@@ -144,9 +144,9 @@ class BlockD(nnx.Module):
 class BlockE(nnx.Module):
     """8 x 8 cells: 3 x 3 taken apart into a row and a column beside each other."""
 
-    def __init__(self, channels: int, form: Form, *, rngs: nnx.Rngs, last: bool = False) -> None:
+    def __init__(self, channels: int, form: InceptionForm, *, rngs: nnx.Rngs, last: bool = False) -> None:
         conv = partial(Conv, rngs=rngs)
-        self.form: Form = form
+        self.form: InceptionForm = form
         self.last = last
         self.branch1x1, self.branch3x3_1 = conv(channels, 320), conv(channels, 384)
         self.branch3x3_2a, self.branch3x3_2b = conv(384, 384, (1, 3)), conv(384, 384, (3, 1))
@@ -167,7 +167,7 @@ class BlockE(nnx.Module):
 class Inception(nnx.Module):
     """Feature maps of images of 299 x 299 cells in [-1, 1]."""
 
-    def __init__(self, form: Form, rngs: nnx.Rngs) -> None:
+    def __init__(self, form: InceptionForm, rngs: nnx.Rngs) -> None:
         conv = partial(Conv, rngs=rngs)
         # Attributes bear the published names, by which weights are read.
         self.Conv2d_1a_3x3 = conv(3, 32, 3, stride=2, same=False)

@@ -79,7 +79,7 @@ def where_backed(frame: DepthFrame) -> DepthFrame:
     return replace(frame, known=frame.known & backed)
 
 
-def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, *, rng: np.random.Generator) -> DepthFrame:
+def augment_frame(frame: DepthFrame, stage: Stage, config: PenetConfig, *, rng: np.random.Generator) -> DepthFrame:
     """A frame (host) cropped, mirrored and recoloured at random, its intrinsics with it.
 
     Raises ValueError where the stage's crop is larger than the frame.
@@ -152,5 +152,7 @@ class Batches:
         of_epoch = [self.seed, number, epoch]
         order = np.random.default_rng(of_epoch).permutation(len(self.frames))
         chosen = [int(i) for i in order[index * stage.batch : (index + 1) * stage.batch]]
-        parts = [augment(self.frames[i], stage, self.config, rng=np.random.default_rng([*of_epoch, i])) for i in chosen]
+        parts = [
+            augment_frame(self.frames[i], stage, self.config, rng=np.random.default_rng([*of_epoch, i])) for i in chosen
+        ]
         return jax.tree.map(lambda *column: np.stack(column), *parts)

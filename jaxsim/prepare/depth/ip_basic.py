@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-Array = np.ndarray
 Blur = Literal["bilateral", "gaussian"]
 
 _INVERT_M = 100.0
@@ -21,24 +20,28 @@ _EMPTY_M = 0.1  # less than this is no depth, inverted or not
 _NEAR_M, _MEDIUM_M = 15.0, 30.0
 
 
-def _full(size: int) -> Array:
+def _full(size: int) -> np.ndarray:
     return np.ones((size, size), np.uint8)
 
 
-def _cross(size: int) -> Array:
+def _cross(size: int) -> np.ndarray:
     kernel = np.zeros((size, size), np.uint8)
     kernel[size // 2, :] = kernel[:, size // 2] = 1
     return kernel
 
 
-def _diamond(size: int) -> Array:
+def _diamond(size: int) -> np.ndarray:
     offset = np.abs(np.arange(size) - size // 2)
     return (offset[:, None] + offset[None, :] <= size // 2).astype(np.uint8)
 
 
 def fill_in_fast(
-    depth_m: Float[Array, "h w"], valid: Bool[Array, "h w"], *, extrapolate: bool = False, blur: Blur = "bilateral"
-) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    depth_m: Float[np.ndarray, "h w"],
+    valid: Bool[np.ndarray, "h w"],
+    *,
+    extrapolate: bool = False,
+    blur: Blur = "bilateral",
+) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """The quick form: points grow by the same number of pixels at every distance.
 
     `extrapolate` carries each column's topmost depth up to the image's border and fills what is left.
@@ -61,8 +64,12 @@ def fill_in_fast(
 
 
 def fill_in_multiscale(
-    depth_m: Float[Array, "h w"], valid: Bool[Array, "h w"], *, extrapolate: bool = False, blur: Blur = "bilateral"
-) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    depth_m: Float[np.ndarray, "h w"],
+    valid: Bool[np.ndarray, "h w"],
+    *,
+    extrapolate: bool = False,
+    blur: Blur = "bilateral",
+) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Near points grow by more pixels than far ones; less noise than `fill_in_fast`, slower."""
     sparse = _inverted(depth_m, valid)
     near = valid & (depth_m <= _NEAR_M)
@@ -93,31 +100,31 @@ def fill_in_multiscale(
     return _upright(d)
 
 
-def _inverted(depth_m: Array, valid: Array) -> Array:
+def _inverted(depth_m: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return np.where(valid & (depth_m > _EMPTY_M), np.float32(_INVERT_M) - depth_m, 0).astype(np.float32)
 
 
-def _upright(d: Array) -> tuple[Array, Array]:
+def _upright(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     valid = d > _EMPTY_M
     return np.where(valid, np.float32(_INVERT_M) - d, np.float32(0)), valid
 
 
-def _fill_empty(d: Array, size: int, *, inside: Array | None = None) -> Array:
+def _fill_empty(d: np.ndarray, size: int, *, inside: np.ndarray | None = None) -> np.ndarray:
     empty = d < _EMPTY_M
     if inside is not None:
         empty &= inside
     return np.where(empty, cv2.dilate(d, _full(size)), d)
 
 
-def _topmost(d: Array) -> Array:
+def _topmost(d: np.ndarray) -> np.ndarray:
     """Row of each column's first filled pixel; 0 for a column without any, as published."""
     return np.argmax(d > _EMPTY_M, axis=0)
 
 
-def _below_top(d: Array) -> Array:
+def _below_top(d: np.ndarray) -> np.ndarray:
     return np.arange(d.shape[0])[:, None] >= _topmost(d)[None, :]
 
 
-def _extend_up(d: Array) -> Array:
+def _extend_up(d: np.ndarray) -> np.ndarray:
     value = np.take_along_axis(d, _topmost(d)[None, :], axis=0)
     return np.where(_below_top(d), d, value)

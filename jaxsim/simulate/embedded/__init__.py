@@ -16,7 +16,7 @@ from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.runs.kinds import Run
 from jaxsim.runs.run import load_run
-from jaxsim.weights import fit, read_state_dict
+from jaxsim.weights import checked_arrays, read_state_dict
 
 NAME = "embedded"
 FOLDER = Path(__file__).parent
@@ -40,7 +40,7 @@ def read_embedded(folder: Path = FOLDER) -> tuple[Run, Tree]:
     paths, structure = jax.tree.flatten_with_path(shapes_of(run))
     names = [name_of(path) for path, _ in paths]
     shapes = {name: leaf.shape for name, (_, leaf) in zip(names, paths, strict=True)}
-    arrays = fit(read_state_dict(folder / "generator.npz"), shapes)
+    arrays = checked_arrays(read_state_dict(folder / "generator.npz"), shapes)
     return run, jax.device_put(jax.tree.unflatten(structure, [arrays[name] for name in names]))
 
 

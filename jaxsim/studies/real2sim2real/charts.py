@@ -30,6 +30,7 @@ from jaxsim.report.results import markdown_table, number_or_none, write_results
 from jaxsim.studies.real2sim2real import REAL
 
 Counts = Mapping[str, CloudCounts]
+"""What the clouds of each kind hold."""
 Shares = Float[np.ndarray, " n"]
 COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
 """Colours of real, then of the kinds in their order."""
@@ -219,7 +220,7 @@ def _round_up(value: float) -> float:
     return next(step * power for step in (1, 2, 4, 8, 10) if step * power >= value * (1 - 1e-9))
 
 
-def check_rows(counts: Counts, kind: str) -> dict[str, dict[str, float]]:
+def cloud_measures(counts: Counts, kind: str) -> dict[str, dict[str, float]]:
     """Measures of all kinds of clouds for one class; `counts` holds `real` and the others."""
     return compare_clouds(counts[REAL], {name: own for name, own in counts.items() if name != REAL}, kind)
 
@@ -227,8 +228,8 @@ def check_rows(counts: Counts, kind: str) -> dict[str, dict[str, float]]:
 def check_tables(counts: Counts, first: str) -> dict[str, Table]:
     """Title -> heads and rows: whole scenes, then each class that is there, `first` first."""
     classes = classes_in(counts, first)
-    tables = {"Whole scenes": _table(check_rows(counts, first), OF_SCENE)}
-    return tables | {kind: _table(check_rows(counts, kind), OF_CLASS) for kind in classes}
+    tables = {"Whole scenes": _table(cloud_measures(counts, first), OF_SCENE)}
+    return tables | {kind: _table(cloud_measures(counts, kind), OF_CLASS) for kind in classes}
 
 
 def _table(rows: Mapping[str, Mapping[str, float]], measures: Mapping[str, str]) -> Table:
@@ -265,7 +266,7 @@ def plain_rows(counts: Counts, kind: str) -> dict[str, dict[str, float | None]]:
     """Measures of one class for JSON, which has no NaN."""
     return {
         name: {measure: number_or_none(value) for measure, value in row.items()}
-        for name, row in check_rows(counts, kind).items()
+        for name, row in cloud_measures(counts, kind).items()
     }
 
 

@@ -10,15 +10,14 @@ from markupsafe import Markup
 
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
-from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.report.boxes import draw_above
 from jaxsim.report.canvas import Canvas, save_figure
-from jaxsim.report.page import NOTHING, figure, image, paragraph, section, table, together, whole_page
+from jaxsim.report.page import NOTHING, figure, image, join_parts, paragraph, section, table, whole_page
 from jaxsim.report.pictures import Rgb, beside
 from jaxsim.report.results import write_results
 from jaxsim.report.scenes import TurnedScene, cloud_with_boxes, turning
 from jaxsim.studies.real2sim2real import KINDS, Loop
-from jaxsim.studies.real2sim2real.charts import WORDS, check_tables, epochs_chart, write_checks
+from jaxsim.studies.real2sim2real.charts import WORDS, Counts, check_tables, epochs_chart, write_checks
 from jaxsim.studies.real2sim2real.scores import (
     HEADS,
     answer,
@@ -29,7 +28,6 @@ from jaxsim.studies.real2sim2real.scores import (
     score_cells,
 )
 
-Counts = Mapping[str, CloudCounts]
 PANEL = 620
 """Height of a cloud from above, pixels."""
 
@@ -61,7 +59,7 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
 
     turned, scenes = turning(clouds, "Labelled cars are green, found ones orange; the crossed side is the front.")
     heads = ("difficulty", "labels", *HEADS)
-    known = together(paragraph(f"{kind}: {KINDS[kind][1]}.") for kind in config.kinds)
+    known = join_parts(paragraph(f"{kind}: {KINDS[kind][1]}.") for kind in config.kinds)
     return whole_page(
         title="jaxsim: Real2Sim2Real",
         sentence=answer(loop),
@@ -91,7 +89,7 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
             section(
                 "Why",
                 paragraph(WORDS)
-                + together(check(title) for title in checks)
+                + join_parts(check(title) for title in checks)
                 + drawn("intensity", "Intensity of the points, logarithmic")
                 + drawn("elsewhere", "Points on no object: range, height and intensity")
                 + drawn("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),

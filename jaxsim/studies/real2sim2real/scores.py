@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -14,13 +14,11 @@ from annotated_types import Ge, Le
 from jaxsim.config.ranges import Whole
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import read_entry, write_text
-from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
 from jaxsim.report.results import markdown_table
 from jaxsim.studies.real2sim2real import REAL, Loop
-from jaxsim.studies.real2sim2real.charts import check_text, plain_rows
+from jaxsim.studies.real2sim2real.charts import Counts, check_text, plain_rows
 
-Counts = Mapping[str, CloudCounts]
 Percent = Annotated[float, Ge(0), Le(100)]
 Paper = dict[str, dict[str, tuple[float, ...]]]
 HEADS = ("3D@0.7", "BEV@0.7", "3D@0.5", "BEV@0.5", "2D@0.7", "AOS@0.7")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.logs import LogOptions
-from jaxsim.data.logs.gridding import sensor_of, to_sweep
+from jaxsim.data.logs.gridding import infer_sensor, to_sweep
 from jaxsim.data.logs.scan import scan_of_fields
 from tests.data.logs.conftest import ELEVATION, FIRINGS, RINGS, expected, room
 
@@ -17,7 +17,7 @@ def scan(fields, options=ASKED, **more):
 
 def swept(fields, options=ASKED, **more):
     given = scan(fields, options, **more)
-    return to_sweep(given, sensor_of([given], options, by="test"), options, by="test")
+    return to_sweep(given, infer_sensor([given], options, by="test"), options, by="test")
 
 
 def test_every_firing_has_a_cell_of_its_own(fields):
@@ -91,7 +91,7 @@ def test_a_cloud_in_the_cars_frame_is_refused_and_its_mounting_can_be_fitted(fie
         swept(fields)
     options = LogOptions(mount="fit")
     given = scan(fields, options)
-    sensor = sensor_of([given], options, by="test")
+    sensor = infer_sensor([given], options, by="test")
     np.testing.assert_allclose(sensor.cloud_from_sensor[:3, 3], (1.4, 0, 1.8), atol=2e-3)
     sweep = to_sweep(given, sensor, options, by="test")
     assert sweep.image.valid.mean() > 0.99

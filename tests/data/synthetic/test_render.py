@@ -4,22 +4,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.data.synthetic.light import Light, lit
-from jaxsim.data.synthetic.raycast import Candidates
+from jaxsim.data.synthetic.raycast import TileSolids
 from jaxsim.data.synthetic.render import COVER_CELLS, SHADOW_CELLS, cast_shadows
-from jaxsim.data.synthetic.solids import Look, Model, Thing, gather, in_world, poses
-from jaxsim.data.synthetic.tiles import candidates
+from jaxsim.data.synthetic.solids import Look, Model, Thing, gather_solids, in_world, poses_at
+from jaxsim.data.synthetic.tiles import solids_by_tile
 
 
-def everything(cells: tuple[int, int], counts: tuple[int, int, int]) -> Candidates:
-    return candidates(np.ones((cells[0] // 32, cells[1] // 32, sum(counts)), bool), counts)
+def everything(cells: tuple[int, int], counts: tuple[int, int, int]) -> TileSolids:
+    return solids_by_tile(np.ones((cells[0] // 32, cells[1] // 32, sum(counts)), bool), counts)
 
 
 def test_a_wall_keeps_the_sun_off_the_ground_behind_it() -> None:
     model = Model()
     model.box((-0.1, -4.0, 0.0), (0.1, 4.0, 3.0), Look(11, (0.5, 0.5, 0.5), 0.4))
     things = [Thing(model, 10.0, 0.0)]
-    parts = gather(things)
-    solids, _ = in_world(parts, *poses(things, 0.0, 0.0), instance=np.zeros(1, np.int64))
+    parts = gather_solids(things)
+    solids, _ = in_world(parts, *poses_at(things, 0.0, 0.0), instance=np.zeros(1, np.int64))
     # The sun stands 45 degrees high ahead: the wall's shadow lies 3 m long on the near side.
     sun = np.array([1.0, 0.0, 1.0], np.float32) / np.float32(np.sqrt(2))
     lists = {

@@ -8,8 +8,8 @@ import pytest
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.synthetic.layout import Drive, lay_out
 from jaxsim.data.synthetic.raycast import cast_solids
-from jaxsim.data.synthetic.solids import Solids, in_world, poses
-from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
+from jaxsim.data.synthetic.solids import Solids, in_world, poses_at
+from jaxsim.data.synthetic.tiles import pinhole_mask, polar_mask, slanted_mask, solids_by_tile
 from jaxsim.geometry import directions, full_grid, preset
 
 TILE = (16, 16)
@@ -20,7 +20,7 @@ EYE = np.array([0.0, -1.8, 1.7])
 @pytest.fixture(scope="module", params=[0, 3])
 def scene(request: pytest.FixtureRequest) -> tuple[Drive, Solids, np.ndarray]:
     drive = lay_out(9, request.param)
-    pose = poses(drive.things, float(drive.street.curvature), 0.0)
+    pose = poses_at(drive.things, float(drive.street.curvature), 0.0)
     solids, corners = in_world(drive.parts, *pose, instance=np.ones(len(drive.things), np.int64))
     return drive, solids, corners
 
@@ -29,7 +29,7 @@ def everything_agrees(scene: tuple, origin: np.ndarray, direction: np.ndarray, m
     drive, solids, _ = scene
     rays = jnp.asarray(origin, jnp.float32), jnp.asarray(direction, jnp.float32)
     counts = drive.parts.counts
-    listed, full = (candidates(m, counts) for m in (mask, np.ones_like(mask)))
+    listed, full = (solids_by_tile(m, counts) for m in (mask, np.ones_like(mask)))
     few, all_ = (CAST(solids, *rays, candidates=c, tile=TILE) for c in (listed, full))
     for one, other in zip(few, all_, strict=True):
         np.testing.assert_array_equal(one, other)

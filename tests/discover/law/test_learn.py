@@ -9,7 +9,7 @@ import pytest
 from jaxsim.discover.add import Added, add_effects
 from jaxsim.discover.covariates import CURVES, with_basis
 from jaxsim.discover.find import Dependence, find_dependences
-from jaxsim.discover.law.learn import Form, form_of
+from jaxsim.discover.law.learn import Form, curve_form
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.together import in_place, refitted
 from jaxsim.discover.name.candidates import rank_effects
@@ -141,8 +141,8 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
     null = find_dependences(Division.of(Comparison(scan, replace(measured, intensity=light), names, names))).null
     dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
     [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
-    assert form_of(null, dependence, curve).bare.kind == "periodic"
-    form = form_of(null, dependence, curve, crossed=[pair])
+    assert curve_form(null, dependence, curve).bare.kind == "periodic"
+    form = curve_form(null, dependence, curve, crossed=[pair])
     assert (form.bare.kind, form.bare.covariates) == ("product", ("azimuth", "speed"))
     fitted = add_effects(null, [], known=NOTHING_YET, form=form).learned
     assert fitted
@@ -154,4 +154,4 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
 def test_a_pair_that_says_no_more_stays_a_curve(null):
     dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
     [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
-    assert form_of(null, dependence, curve, crossed=[pair]).bare.kind == "periodic"
+    assert curve_form(null, dependence, curve, crossed=[pair]).bare.kind == "periodic"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.law.learn import LearnedFit
-from jaxsim.discover.law.search import VARIABLES, Variable, closed_law, shapes_of
+from jaxsim.discover.law.search import VARIABLES, Variable, closed_law, formula_shapes
 from jaxsim.discover.law.source import check_expression, read_law, write_effect
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import all_rays
@@ -127,7 +127,7 @@ def test_a_strangers_formula_becomes_no_code(tmp_path, changed, message):
 def test_every_formula_of_the_grammar_may_become_code():
     for variable, unit in VARIABLES.values():
         for x in (np.linspace(-2, 3, 20), np.geomspace(1e-3, 90, 20)):
-            for shape in shapes_of([Variable(variable, unit, x), Variable("row", "", x)]):
+            for shape in formula_shapes([Variable(variable, unit, x), Variable("row", "", x)]):
                 own = [word for word in (variable, "row") if word in shape.expression]
                 check_expression(shape.expression, [*own, "pi", "phase", "level", "size", shape.constant])
 

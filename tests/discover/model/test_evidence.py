@@ -6,7 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.evidence import BLURRED, STEEPEST_RAD, angle_scores, gather
+from jaxsim.discover.model.evidence import angle_scores, gather
+from jaxsim.discover.rules import RULES
 from tests.discover.toy import device, toy
 
 COLUMNS = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
@@ -21,7 +22,7 @@ def frames():
 def test_angles_of_either_side_must_be_moderate(frames):
     scan, measured = frames
     given = np.full_like(scan.incidence_rad, 0.3)
-    given[:, :, 4] = STEEPEST_RAD + 0.1
+    given[:, :, 4] = RULES.compared_below_rad + 0.1
     ev = gather(*device(scan, measured), frame=FRAMES, column=COLUMNS, scene=FRAMES, given_rad=jax.numpy.asarray(given))
     compared = np.asarray(ev.compared)
     assert not compared[:, 1].any()  # the second column that is looked at
@@ -37,10 +38,10 @@ def test_readings_that_rounding_blurs_are_not_compared(frames):
         gather(*device(scan, given), frame=FRAMES, column=COLUMNS, scene=FRAMES) for given in (measured, rounded)
     )
     predicted = np.exp(np.asarray(fine.rays.log_intensity))
-    dark = np.asarray(fine.compared) & (predicted < BLURRED * step)
+    dark = np.asarray(fine.compared) & (predicted < RULES.compared_steps * step)
     assert dark.any()
     assert not np.asarray(coarse.compared)[dark].any()
-    bright = np.asarray(fine.compared) & (predicted > BLURRED * step)
+    bright = np.asarray(fine.compared) & (predicted > RULES.compared_steps * step)
     assert np.asarray(coarse.compared)[bright].all()
 
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.null import as_implied, implied_level, residuals, spread, standardised
+from jaxsim.discover.model.null import as_implied, implied_level, residual_spread, residuals, standardised
 from jaxsim.discover.model.random_effects import gain_and_classes
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.effect import CHANNELS
@@ -71,7 +71,7 @@ def test_each_channel_is_standardised_where_it_counts_and_keeps_its_unit(null):
 def test_a_lost_ray_is_off_by_the_probability_that_it_returns(null):
     problem, _ = null
     drop = residuals(*null)["drop"]
-    p, lost = np.asarray(spread(problem.ev, problem.noise)[2]), ~np.asarray(problem.ev.returned)
+    p, lost = np.asarray(residual_spread(problem.ev, problem.noise)[2]), ~np.asarray(problem.ev.returned)
     np.testing.assert_allclose(drop.off, np.where(lost, 1 - p, -p), atol=1e-6)
     np.testing.assert_array_equal(np.sign(drop.z[drop.counts]), np.where(lost, 1, -1)[drop.counts])
 

@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsim.discover.model.smooth import half_width, smooth_frames
+from jaxsim.discover.model.smooth import smooth_frames, window_columns
 from tests.discover.noisy_street import scan
 
 RANGE_SD_M = 0.02
@@ -13,7 +13,7 @@ def smoothed(noise, frames=2):
     sd = jnp.array([noise.get("constant", 0.0), noise.get("share", 0.0)], jnp.float32)
     smooth = smooth_frames(
         frames_,
-        half=half_width(frames_),
+        half=window_columns(frames_),
         by_cosine=True,
         range_sd_m=jnp.float32(noise.get("range_m", 0)),
         intensity_sd=sd,

@@ -13,7 +13,7 @@ from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.regimes.chance import ask, scenes_by_size
 from jaxsim.discover.regimes.confine import JudgeScenes, confine
 from jaxsim.discover.regimes.find import sizes
-from jaxsim.discover.regimes.questions import cells, questions
+from jaxsim.discover.regimes.questions import cells_of, questions
 from jaxsim.effects import EFFECTS
 from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
 from tests.discover.toy import device, toy
@@ -31,7 +31,7 @@ def night(standard_promotion):
 def asked(null, facts):
     """The best region of every question, of beam gains fitted to all frames; by what divides."""
     one = fit(GAIN, null, EVERYONE)
-    of = cells(GAIN, null, z=one.z, noise=one.noise, sector=facts.sector, sectors=facts.sectors)
+    of = cells_of(GAIN, null, z=one.z, noise=one.noise, sector=facts.sector, sectors=facts.sectors)
     found = [ask(q, of, facts.scene) for q in questions(facts)]
     # Moments are asked about twice, from one on and between two: the clearer answer comes last and stays.
     found.sort(key=lambda one: -one.p_value)
@@ -101,7 +101,7 @@ def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
     null, facts = halves(some)
     one = fit(GAIN, null, EVERYONE)
     halved = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
-    of = cells(GAIN, null, z=one.z, noise=one.noise, sector=halved, sectors=2 * facts.sectors)
+    of = cells_of(GAIN, null, z=one.z, noise=one.noise, sector=halved, sectors=2 * facts.sectors)
     found = scenes_by_size(of, facts)
     assert found is not None
     assert found.p_value < 0.02

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.repeats import find_repeats, formula_of
-from jaxsim.discover.repeats.learn import conjugate_gradients, form_of, learn_repeats
+from jaxsim.discover.repeats.learn import conjugate_gradients, learn_repeats, pattern_form
 from jaxsim.effects.learned import Learned
 from tests.discover.repeats.made import COLUMN, COLUMNS, FINDING, ROW, ROWS, maps
 
@@ -41,7 +41,7 @@ def learn(pattern, channel="intensity"):
 
     first = maps_with([])
     found = find_repeats({channel: first[channel]}, FINDING, bins=32)
-    forms = [form_of(one, ROWS, COLUMNS) for one in found]
+    forms = [pattern_form(one, ROWS, COLUMNS) for one in found]
     return learn_repeats(forms, FINDING, maps_with)
 
 

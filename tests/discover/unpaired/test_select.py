@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxsim.discover.name.select import Step
 from jaxsim.discover.unpaired import select
-from jaxsim.discover.unpaired.select import Choice, _alike, _folds
+from jaxsim.discover.unpaired.select import UnpairedChoice, _alike, _folds
 from jaxsim.discover.verdict import Unexplained
 from tests.discover.unpaired.made import candidate
 
@@ -38,7 +38,7 @@ def curve(name: str, gain: float):
 def test_a_curve_must_gain_clearly_more_than_the_best_effect(monkeypatch):
     monkeypatch.setattr(select, "_described", lambda problem, one: Unexplained("intensity", one.name, "other", ""))
     best = candidate("beam_gain", 3.0)
-    choice = Choice((Step(best, (), (best,)),), ())
+    choice = UnpairedChoice((Step(best, (), (best,)),), ())
     problem = object.__new__(select.Conditional)
     assert select.outside_catalogue(problem, choice, [curve("range", 5.5)]).covariate == "range"
     assert select.outside_catalogue(problem, choice, [curve("range", 4.0)]) is None
@@ -47,4 +47,4 @@ def test_a_curve_must_gain_clearly_more_than_the_best_effect(monkeypatch):
 def test_a_curve_along_the_rows_is_an_effect_of_the_catalogue(monkeypatch):
     monkeypatch.setattr(select, "_described", lambda problem, one: Unexplained("intensity", one.name, "other", ""))
     problem = object.__new__(select.Conditional)
-    assert select.outside_catalogue(problem, Choice((), ()), [curve("row", 9.0)]) is None
+    assert select.outside_catalogue(problem, UnpairedChoice((), ()), [curve("row", 9.0)]) is None

@@ -12,8 +12,8 @@ from jaxsim.discover import discover_unpaired
 from jaxsim.discover.explain import ranking
 from jaxsim.discover.name.select import Step
 from jaxsim.discover.unpaired.read import read_unpaired
-from jaxsim.discover.unpaired.select import Choice
-from jaxsim.discover.unpaired.workflow import divide, why_not
+from jaxsim.discover.unpaired.select import UnpairedChoice
+from jaxsim.discover.unpaired.workflow import divide, why_not_unpaired
 from jaxsim.effects.chain import SensorModel
 from tests.discover.unpaired.made import RAYS, SMALL, candidate
 
@@ -111,7 +111,9 @@ def test_frames_of_the_same_readings_are_an_error(gains):
 def test_a_ranking_says_why_not():
     best = candidate("beam_gain", 3.0)
     by_chance = candidate("range_falloff", 1.0, chance=0.5)
-    choice = Choice((Step(best, (), (best, by_chance)),), ())
-    assert why_not(best, choice) == ""
-    assert "scenes exchanged between the sides reach as much (p 0.5, must be 0.01)" in why_not(by_chance, choice)
-    assert [rank.name for rank in ranking(choice, why_not)] == ["beam_gain", "range_falloff"]
+    choice = UnpairedChoice((Step(best, (), (best, by_chance)),), ())
+    assert why_not_unpaired(best, choice) == ""
+    assert "scenes exchanged between the sides reach as much (p 0.5, must be 0.01)" in why_not_unpaired(
+        by_chance, choice
+    )
+    assert [rank.name for rank in ranking(choice, why_not_unpaired)] == ["beam_gain", "range_falloff"]

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.cli import main
 from jaxsim.config import DataConfig, PrepareConfig
-from jaxsim.pairs.prepared import cache_folder
+from jaxsim.pairs.prepared import pairs_folder
 from jaxsim.prepare import denoise
 from jaxsim.prepare.denoise.lidia import Lidia, Variant, from_published, open_lidia, published_shapes
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
@@ -92,12 +92,12 @@ def test_pairs_made_with_other_weights_are_not_kept_together(published, tmp_path
     data, config = DataConfig(), PrepareConfig(denoise="lidia", denoise_weights=published)
     other = tmp_path / published.name
     other.write_bytes(published.read_bytes())
-    assert cache_folder(data, config) != cache_folder(data, replace(config, denoise_statistics="stored"))
-    before = cache_folder(data, replace(config, denoise_weights=other))
+    assert pairs_folder(data, config) != pairs_folder(data, replace(config, denoise_statistics="stored"))
+    before = pairs_folder(data, replace(config, denoise_weights=other))
     np.savez(other, changed=np.ones(1))
-    assert cache_folder(data, replace(config, denoise_weights=other)) != before
+    assert pairs_folder(data, replace(config, denoise_weights=other)) != before
     with pytest.raises(FileNotFoundError, match="no weights at"):
-        cache_folder(data, replace(config, denoise_weights=tmp_path / "none.npz"))
+        pairs_folder(data, replace(config, denoise_weights=tmp_path / "none.npz"))
 
 
 def test_a_training_checkpoint_is_converted_without_its_optimiser(tmp_path, capsys):

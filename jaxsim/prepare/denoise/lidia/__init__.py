@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.prepare.denoise.classical import close_gaps
-from jaxsim.prepare.denoise.lidia.denoiser import Values, abstract, apply, check_size
+from jaxsim.prepare.denoise.lidia.denoiser import Values, abstract, apply, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
-from jaxsim.weights import Arrays, Converter, fit, load_weights, read_once, write_trained
+from jaxsim.weights import Arrays, Converter, checked_arrays, load_weights, read_once, write_trained
 
 COLOUR_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re0.ver_hor.ver.weight"
 SMALL_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re1.ver_hor.b"
@@ -54,7 +54,7 @@ def _kept(arrays: Arrays) -> Arrays:
     state = {
         name.removeprefix("state_dict."): array for name, array in arrays.items() if not name.startswith("optimizer")
     }
-    return fit(state, published_shapes(variant_of(state)))
+    return checked_arrays(state, published_shapes(variant_of(state)))
 
 
 CONVERTER = Converter(
@@ -69,7 +69,7 @@ CONVERTER = Converter(
 def from_published(arrays: Mapping[str, np.ndarray]) -> tuple[Variant, Values]:
     """A network's values. Raises ValueError where names or shapes are not LIDIA's."""
     variant = variant_of(arrays)
-    kept = fit(dict(arrays), published_shapes(variant))
+    kept = checked_arrays(dict(arrays), published_shapes(variant))
     return variant, jax.tree.map_with_path(lambda path, _: kept[_name(path)], abstract(variant))
 
 
@@ -102,7 +102,7 @@ class Lidia:
         """
         self.check(gain)
         rows, columns = intensity.shape[-2:]
-        check_size(rows, columns, self.variant)
+        check_image_size(rows, columns, self.variant)
         if not valid.any((-2, -1)).all():
             raise ValueError(
                 "lidia: an image has not one cell whose beam came back, so there is nothing to denoise; check that the "

@@ -23,11 +23,11 @@ from jaxtyping import Bool, Float
 from jaxsim.descent import descend
 from jaxsim.prepare.denoise.classical import close_gaps
 from jaxsim.prepare.denoise.lidia import Lidia
-from jaxsim.prepare.denoise.lidia.denoiser import Values, apply_and_learn, check_size
+from jaxsim.prepare.denoise.lidia.denoiser import Values, apply_and_learn, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
 
 STORED = ("running_mean", "running_var")
-State = tuple[Values, Any]
+_State = tuple[Values, Any]
 """The network's values, and Adam's memory."""
 
 
@@ -80,7 +80,7 @@ def adapt(
     if not len(clean) or not valid.any((1, 2)).all():
         raise ValueError("lidia: nothing to adapt to: give images that each have at least one valid cell")
     side = min(settings.block, *clean.shape[1:])
-    check_size(side, side, network.variant)
+    check_image_size(side, side, network.variant)
     images = [
         # 0..1 to the network's [-1, 1].
         np.stack([2 * close_gaps(x, v) - 1 for x, v in zip(given, valid, strict=True)])
@@ -90,7 +90,7 @@ def adapt(
     deviation = 2 * settings.noise if noisy is None else 0.0  # images are shown on [-1, 1]: twice the intensity's scale
     key = jax.random.key(settings.seed)
 
-    def step(state: State, block: tuple[np.ndarray, ...], k: int) -> tuple[State, jax.Array]:
+    def step(state: _State, block: tuple[np.ndarray, ...], k: int) -> tuple[_State, jax.Array]:
         form = {"deviation": deviation, "lr": settings.lr, "variant": network.variant}
         return _step(state, block, key=jax.random.fold_in(key, k), **form)
 
@@ -138,14 +138,14 @@ class _Blocks:
 
 @partial(jax.jit, static_argnames=("lr", "variant"))
 def _step(
-    state: State,
+    state: _State,
     block: tuple[jax.Array, ...],
     *,
     key: jax.Array,
     deviation: jax.Array,
     lr: float,
     variant: Variant,
-) -> tuple[State, jax.Array]:
+) -> tuple[_State, jax.Array]:
     """One update of Adam, and its loss; the stored statistics move with the batch."""
     values, memory = state
     clean, noisy, valid = block

@@ -36,7 +36,7 @@ def abstract(variant: Variant) -> Values:
     return nnx.to_pure_dict(nnx.state(nnx.eval_shape(lambda: PatchDenoiser(variant, nnx.Rngs(0)))))
 
 
-def check_size(rows: int, columns: int, variant: Variant) -> None:
+def check_image_size(rows: int, columns: int, variant: Variant) -> None:
     """Raises ValueError where an image is too small to be mirrored at its borders."""
     least = coarse_margin(variant) + 1
     if min(rows, columns) < least:
@@ -87,7 +87,7 @@ def _apply(network: PatchDenoiser, image: Array, measured: Array | None, *, stat
         raise ValueError(f"lidia: the image has {c} channels; these weights are for {variant.channels}")
     if statistics not in CHUNK:
         raise ValueError(f"lidia: no statistics {statistics!r}; known: {', '.join(CHUNK)}")
-    check_size(h, w, variant)
+    check_image_size(h, w, variant)
     p = variant.p
     mean = _mean(image, measured)
     image = image - mean

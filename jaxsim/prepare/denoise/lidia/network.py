@@ -19,7 +19,7 @@ from flax import nnx, struct
 from jax import Array
 from jaxtyping import Float, Int
 
-from jaxsim.prepare.denoise.lidia.patches import NEIGHBOURS, blur, counts, fold, pad, unfold
+from jaxsim.prepare.denoise.lidia.patches import NEIGHBOURS, blur, fold, pad, patch_counts, unfold
 
 Statistics = Literal["stored", "image", "training"]
 """What batch norm divides by: the training set's statistics, stored with the weights; those of the patches at hand;
@@ -258,7 +258,7 @@ class PatchDenoiser(nnx.Module):
 
         def aggregate(x: Array, d: int) -> Array:
             """Patches that overlap agree on their mean."""
-            image = fold(x.reshape(*shape, -1), p, d) / counts(*shape[1:], p, d=d)
+            image = fold(x.reshape(*shape, -1), p, d) / patch_counts(*shape[1:], p, d=d)
             return unfold(image if d == 1 else blur(pad(image, 1, "reflect")), p, d).reshape(1, -1, x.shape[-1])
 
         # Patches of the coarse scale have cells two apart (d = 2).

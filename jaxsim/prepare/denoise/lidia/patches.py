@@ -65,7 +65,7 @@ def _overlap(parts: Sequence[Array], d: int, axis: int = -1) -> Array:
     return total
 
 
-def counts(rows: int, columns: int, p: int, *, d: int) -> Float[Array, "1 h w 1"]:
+def patch_counts(rows: int, columns: int, p: int, *, d: int) -> Float[Array, "1 h w 1"]:
     """How many patches of such an array cover each cell of their image."""
     return fold(jnp.ones((1, rows, columns, p * p), jnp.float32), p, d)
 

@@ -31,7 +31,7 @@ from jaxsim.prepare.depth.penet.published import (
     from_published,
     to_published,
 )
-from jaxsim.weights import kind_of, load_weights, read_once, write_trained
+from jaxsim.weights import load_weights, read_once, weights_kind, write_trained
 
 NEAREST_M = 0.1
 """A guess nearer than this is none, as for points and in IP-Basic."""
@@ -123,7 +123,7 @@ def open_penet(path: Path | None) -> Penet:
 
 @read_once
 def _open(path: Path) -> Penet:
-    trained = path.is_file() and kind_of(path) == TRAINED_KIND
+    trained = path.is_file() and weights_kind(path) == TRAINED_KIND
     kind, converter = (TRAINED_KIND, TRAINED) if trained else ("penet", CONVERTERS["penet"])
     width, values = from_published(load_weights(path, kind, converter).arrays)
     return Penet(width, "exact" if trained else "published", jax.tree.map(jnp.asarray, values))

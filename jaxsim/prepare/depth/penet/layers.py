@@ -21,7 +21,7 @@ from flax import nnx
 from jax import Array
 from jaxtyping import Float
 
-Raster = Float[Array, "b _h _w _c"]
+_Raster = Float[Array, "b _h _w _c"]
 
 Mode = bool | Literal["renorm"]
 """Of batch norms: by the stored statistics (False), by the batch's (True), or both (`BatchNorm`)."""
@@ -41,7 +41,7 @@ class Conv(nnx.Module):
         self.stride = stride
         self.kernel = nnx.Param(jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
 
-    def __call__(self, x: Raster) -> Raster:
+    def __call__(self, x: _Raster) -> _Raster:
         return _convolve(x, self.kernel[...], stride=self.stride)
 
 
@@ -52,7 +52,7 @@ class TransposedConv(nnx.Module):
         self.stride = stride
         self.kernel = nnx.Param(jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
 
-    def __call__(self, x: Raster) -> Raster:
+    def __call__(self, x: _Raster) -> _Raster:
         return _doubled(x, self.kernel[...]) if self.stride == 2 else _convolve(x, self.kernel[...])
 
 
@@ -99,7 +99,7 @@ class BatchNorm(nnx.Module):
         self.weight, self.bias = nnx.Param(jnp.ones(channels)), nnx.Param(jnp.zeros(channels))
         self.running_mean, self.running_var = nnx.BatchStat(jnp.zeros(channels)), nnx.BatchStat(jnp.ones(channels))
 
-    def __call__(self, x: Raster, *, train: Mode) -> Raster:
+    def __call__(self, x: _Raster, *, train: Mode) -> _Raster:
         mean, variance = self.running_mean[...], self.running_var[...]
         scale, shift = jnp.ones_like(mean), jnp.zeros_like(mean)
         if train:
@@ -129,7 +129,7 @@ class ConvBn(nnx.Module):
         self.conv = Conv(inputs, outputs, size, stride=stride, rngs=rngs)
         self.norm, self.relu = BatchNorm(outputs), relu
 
-    def __call__(self, x: Raster, *, train: Mode) -> Raster:
+    def __call__(self, x: _Raster, *, train: Mode) -> _Raster:
         x = self.norm(self.conv(x), train=train)
         return jax.nn.relu(x) if self.relu else x
 
@@ -141,7 +141,7 @@ class Deconv(nnx.Module):
         self.deconv = TransposedConv(inputs, outputs, size, stride=stride, rngs=rngs)
         self.norm = BatchNorm(outputs)
 
-    def __call__(self, x: Raster, *, train: Mode) -> Raster:
+    def __call__(self, x: _Raster, *, train: Mode) -> _Raster:
         return jax.nn.relu(self.norm(self.deconv(x), train=train))
 
 
@@ -157,7 +157,7 @@ class GeoBlock(nnx.Module):
         changes = stride != 1 or inputs != outputs
         self.downsample = ConvBn(inputs + self.GEO, outputs, 1, stride=stride, rngs=rngs) if changes else None
 
-    def __call__(self, x: Raster, before: Raster, after: Raster, *, train: Mode) -> Raster:
+    def __call__(self, x: _Raster, before: _Raster, after: _Raster, *, train: Mode) -> _Raster:
         """`before` and `after` are the coordinates at the input's and at the output's scale."""
         placed = jnp.concatenate([x, before], -1)
         y = jax.nn.relu(self.bn1(self.conv1(placed), train=train))

@@ -11,7 +11,7 @@ import numpy as np
 from flax import nnx
 
 from jaxsim.prepare.depth.penet.network import PUBLISHED_WIDTH, Convention, PENet
-from jaxsim.weights import Arrays, Converter, fit
+from jaxsim.weights import Arrays, Converter, checked_arrays
 
 Values = dict[str, Any]
 STEM = "backbone.rgb_conv_init.0.weight"
@@ -71,7 +71,7 @@ def from_published(arrays: Mapping[str, np.ndarray]) -> tuple[int, Values]:
     if stem is None or stem.ndim != 4:
         raise ValueError(f"it is no PENet: {STEM} is missing.")
     width = stem.shape[0]
-    fitting = fit(dict(arrays), published_shapes(width))
+    fitting = checked_arrays(dict(arrays), published_shapes(width))
 
     def ours(path: Any, leaf: Any) -> np.ndarray:
         array = fitting[_name(path)]
@@ -101,11 +101,11 @@ def _published(arrays: Arrays) -> Arrays:
     backbone = STEM in bare or STEM.removeprefix("backbone.") in bare  # ENet alone lacks the prefix
     if backbone and not any(name.startswith("iter_guide_layer3_s2.") for name in bare):
         raise ValueError("it has no half-size guides: it is ENet or PENet_C1; take PENet_C2 (pe.pth.tar).")
-    return fit(bare, published_shapes())
+    return checked_arrays(bare, published_shapes())
 
 
 def _trained(arrays: Arrays) -> Arrays:
-    return fit(arrays, published_shapes(from_published(arrays)[0]))
+    return checked_arrays(arrays, published_shapes(from_published(arrays)[0]))
 
 
 CONVERTERS = {

@@ -25,7 +25,7 @@ from jaxsim.prepare.depth.penet.layers import Mode
 from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.published import Values, create, definition
 
-Loss = Literal["square", "huber"]
+_Loss = Literal["square", "huber"]
 STORED = ("running_mean", "running_var")
 
 
@@ -90,14 +90,14 @@ def branch_weight(epoch: int) -> float:
     return 0.2 if epoch <= 1 else 0.05 if epoch <= 3 else 0.0
 
 
-def masked_error(guess_m: Array, batch: DepthFrame, loss: Loss = "square") -> Array:
+def masked_error(guess_m: Array, batch: DepthFrame, loss: _Loss = "square") -> Array:
     """Mean squared error, m², over pixels whose depth is known; Huber's takes 2|e| - 1 where an error e exceeds 1 m."""
     off = jnp.abs(guess_m - batch.truth_m)
     error = off**2 if loss == "square" else jnp.where(off < 1, off**2, 2 * off - 1)
     return jnp.where(batch.known, error, 0.0).sum() / jnp.maximum(batch.known.sum(dtype=jnp.float32), 1.0)
 
 
-def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, *, loss: Loss) -> Array:
+def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, *, loss: _Loss) -> Array:
     """The loss of `branches`: `weight` is that of each branch's own error, what is left of 1 the fused depth's."""
     # The branches' own errors keep either from leaving all to the other while both are young.
     apart = masked_error(seen.colour, batch, loss) + masked_error(seen.depth, batch, loss)

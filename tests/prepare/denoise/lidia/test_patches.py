@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.prepare.denoise.lidia import denoiser as whole
-from jaxsim.prepare.denoise.lidia.patches import NEIGHBOURS, RADIUS, UNLIKE, counts, fold, nearest_patches, unfold
+from jaxsim.prepare.denoise.lidia.patches import NEIGHBOURS, RADIUS, UNLIKE, fold, nearest_patches, patch_counts, unfold
 
 SHAPE = (12, 13)
 GARBAGE = 1e3
@@ -106,5 +106,5 @@ def test_folding_is_the_adjoint_of_unfolding():
         assert float((image * np.asarray(back(patches, p, d))).sum()) == pytest.approx(
             (apart * patches).sum(), rel=1e-4
         )
-        again = back(apart, p, d) / counts(*apart.shape[1:3], p, d=d)
+        again = back(apart, p, d) / patch_counts(*apart.shape[1:3], p, d=d)
         np.testing.assert_allclose(np.asarray(again), image, rtol=1e-5, atol=1e-6)

@@ -15,7 +15,7 @@ from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
 from jaxsim.metrics.depth import depth_errors
 from jaxsim.prepare import dense_view, depth
 from jaxsim.prepare.depth import complete_depth, penet
-from jaxsim.prepare.depth.frames import Batches, augment, depth_frame, where_backed
+from jaxsim.prepare.depth.frames import Batches, augment_frame, depth_frame, where_backed
 from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.training import (
     branch_weight,
@@ -174,7 +174,7 @@ def test_the_branches_learn_one_frame_by_heart_better_than_ip_basic_fills_it():
 @pytest.mark.parametrize("seed", range(4))
 def test_cropping_and_mirroring_move_the_camera_with_the_image(seed):
     frame = plane(seed)
-    cut = augment(frame, STAGES[0], CONFIG, rng=np.random.default_rng(seed))
+    cut = augment_frame(frame, STAGES[0], CONFIG, rng=np.random.default_rng(seed))
     assert cut.sparse_m.shape == CROP
     assert cut.rgb.dtype == np.uint8
     v, u = np.mgrid[: CROP[0], : CROP[1]]
@@ -197,7 +197,7 @@ def test_a_batch_depends_on_its_place_alone():
     with pytest.raises(ValueError, match="1 training frames do not fill"):
         Batches([plane(0)], CONFIG, seed=0)
     with pytest.raises(ValueError, match="the branches stage crops 32 x 64"):
-        augment(plane(0, (16, 96)), STAGES[0], CONFIG, rng=np.random.default_rng(0))
+        augment_frame(plane(0, (16, 96)), STAGES[0], CONFIG, rng=np.random.default_rng(0))
 
 
 def test_published_weights_are_told_half_of_the_cut_rows(monkeypatch):

@@ -1,6 +1,8 @@
-"""Clouds to recordings. To MCAP, as ROS 2's PointCloud2: x, y, z, intensity, ring and time a point; messages are
-encoded by rosbags, the file is written by the format's own library (extra ros). To a trace of ASAM OSI: a SensorData a
-frame, whose LiDAR detections have beam and intensity (extra osi). To a recording of Rerun's viewer (extra rerun).
+"""Polar frames as clouds that other programs open: a recording of all, or a file a frame (`jaxsim frames --to`).
+
+In MCAP they are ROS 2's PointCloud2: x, y, z, intensity, ring and time a point; messages are encoded by rosbags, the
+file is written by the format's own library (extra ros). In a trace of ASAM OSI they are a SensorData a frame, whose
+LiDAR detections have beam and intensity (extra osi). Recordings of Rerun's viewer take the extra rerun.
 """
 
 from __future__ import annotations
@@ -10,9 +12,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
-from jaxsim.files import need, replacing
+from jaxsim.cloud.export import save_cloud, table_of
+from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
+from jaxsim.files import file_of, need, replacing
+from jaxsim.frame import Cloud
+from jaxsim.geometry import polar_to_points
+from jaxsim.progress import Progress
 
 _KIND = "sensor_msgs/msg/PointCloud2"
 _TYPES = {"f4": 7, "u2": 4}
@@ -27,7 +35,7 @@ class Stamped(NamedTuple):
     """Records, as `export.table_of` gives."""
 
 
-def write_mcap(path: Path, clouds: Iterable[Stamped], *, frame: str = "lidar") -> int:
+def write_mcap(path: Path, clouds: Iterable[Stamped]) -> int:
     """Writes clouds to one MCAP, whole or not at all; how many they were."""
     typesys = need("rosbags.typesys", "ros", by="mcap")
     writer_of = need("mcap.writer", "ros", by="mcap").Writer
@@ -42,7 +50,7 @@ def write_mcap(path: Path, clouds: Iterable[Stamped], *, frame: str = "lidar") -
         channel = writer.register_channel(topic="/points", message_encoding="cdr", schema_id=schema)
         for stamped in clouds:
             nanoseconds = round(stamped.time_s * 1e9)
-            data = store.serialize_cdr(_message(store.types, stamped.table, nanoseconds, frame=frame), _KIND)
+            data = store.serialize_cdr(_message(store.types, stamped.table, nanoseconds), _KIND)
             writer.add_message(
                 channel, log_time=nanoseconds, data=bytes(data), publish_time=nanoseconds, sequence=count
             )
@@ -51,7 +59,7 @@ def write_mcap(path: Path, clouds: Iterable[Stamped], *, frame: str = "lidar") -
     return count
 
 
-def _message(types: Any, table: np.ndarray, nanoseconds: int, *, frame: str) -> Any:
+def _message(types: Any, table: np.ndarray, nanoseconds: int) -> Any:
     seconds, rest = divmod(nanoseconds, 10**9)
     names = table.dtype.names or ()
     offsets: Any = table.dtype.fields or {}
@@ -67,7 +75,7 @@ def _message(types: Any, table: np.ndarray, nanoseconds: int, *, frame: str) -> 
     ]
     stamp = types["builtin_interfaces/msg/Time"](sec=int(seconds), nanosec=int(rest))
     return types[_KIND](
-        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame),
+        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="lidar"),
         height=1,
         width=len(table),
         fields=fields,
@@ -132,7 +140,7 @@ def _stamp(timestamp: Any, time_s: float) -> None:
     timestamp.seconds, timestamp.nanos = int(seconds), int(rest)
 
 
-def write_rrd(path: Path, clouds: Iterable[Stamped], *, entity: str = "lidar") -> int:
+def write_rrd(path: Path, clouds: Iterable[Stamped]) -> int:
     """Writes clouds to one recording of Rerun, whole or not at all; how many they were.
 
     Points are grey by the root of their intensity, on the timeline `scan`; intensity, ring and time a point are values
@@ -150,10 +158,45 @@ def write_rrd(path: Path, clouds: Iterable[Stamped], *, entity: str = "lidar") -
                 # Most intensities are small: on a straight scale nearly all points would be black.
                 grey = (255 * np.sqrt(np.clip(table["intensity"], 0, 1))).astype(np.uint8)
                 xyz_m = np.stack([table[axis] for axis in "xyz"], axis=1)
-                recording.log(entity, rerun.Points3D(xyz_m, colors=np.repeat(grey[:, None], 3, axis=1)))
+                recording.log("lidar", rerun.Points3D(xyz_m, colors=np.repeat(grey[:, None], 3, axis=1)))
                 rest = {name: np.asarray(table[name]) for name in table.dtype.names or () if name not in "xyz"}
-                recording.log(entity, rerun.AnyValues(**rest))
+                recording.log("lidar", rerun.AnyValues(**rest))
                 count += 1
         finally:
             recording.disconnect()
     return count
+
+
+WHOLE = {"mcap": write_mcap, "osi": write_osi, "rrd": write_rrd}
+"""Forms that hold all frames in one file."""
+
+
+def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int = 0) -> int:
+    """Writes a folder's polar frames as clouds, with ring and time a point; how many there are.
+
+    `out` is one file where `to` is one of WHOLE, else a folder of files NAME.`to`, of which those that are there are
+    not written again. Every `every`-th frame is taken, and at most `most` (0: all). Raises ValueError for a folder
+    without frames, ModuleNotFoundError where the form's own library is not installed.
+    """
+    frames = open_polar_frames(folder)
+    names = frames.names[::every][: most or None]
+    bar = Progress(names, unit="cloud", desc="writing")
+    if to in WHOLE:
+        return WHOLE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
+    for name in bar:
+        path = file_of(out, name, f".{to}", by="frames")
+        if not path.is_file():
+            cloud, time_s = _cloud(frames, name)
+            save_cloud(path, cloud, time_s=time_s)
+    return len(names)
+
+
+def _cloud(frames: PolarFrames, name: str) -> tuple[Cloud, np.ndarray | None]:
+    image, columns = frames.read(name)
+    cloud = jax.tree.map(np.asarray, polar_to_points(image, frames.grid))
+    return cloud, columns["time"].ravel().astype(np.float32) if "time" in columns else None
+
+
+def _stamped(frames: PolarFrames, name: str, number: int) -> Stamped:
+    """A frame's cloud at its time; frames without one are a tenth of a second apart."""
+    return Stamped(float(frames.about.get(name, {}).get("time", number / 10)), table_of(*_cloud(frames, name)))

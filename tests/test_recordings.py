@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from jaxsim.cloud.export import table_of
-from jaxsim.cloud.recordings import Stamped, write_mcap, write_rrd
+from jaxsim.data.clouds import read_cloud
+from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.recordings import Stamped, export_frames, write_mcap, write_rrd
 from tests.cloud.made_export import lined
+from tests.discover.made_gate import sides
 
 
 def test_an_mcap_is_read_by_the_formats_own_libraries(tmp_path):
@@ -14,13 +17,13 @@ def test_an_mcap_is_read_by_the_formats_own_libraries(tmp_path):
     pytest.importorskip("rosbags", reason="rosbags is not installed")
     c, time_s = lined()
     table = table_of(c, time_s)
-    count = write_mcap(tmp_path / "a.mcap", [Stamped(5.25, table), Stamped(5.35, table[:7])], frame="top")
+    count = write_mcap(tmp_path / "a.mcap", [Stamped(5.25, table), Stamped(5.35, table[:7])])
     assert count == 2
     with (tmp_path / "a.mcap").open("rb") as file:
         read = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
         messages = [message for _, _, _, message in read.iter_decoded_messages(topics=["/points"])]
     first = messages[0]
-    assert (first.header.frame_id, first.header.stamp.sec, first.header.stamp.nanosec) == ("top", 5, 250_000_000)
+    assert (first.header.frame_id, first.header.stamp.sec, first.header.stamp.nanosec) == ("lidar", 5, 250_000_000)
     assert [f.name for f in first.fields] == ["x", "y", "z", "intensity", "ring", "time"]
     np.testing.assert_array_equal(np.frombuffer(bytes(first.data), table.dtype), table)
     assert messages[1].width == 7
@@ -49,3 +52,25 @@ def test_a_missing_rerun_is_named(tmp_path, monkeypatch):
     with pytest.raises(ModuleNotFoundError, match=r"rrd: this needs rerun; pip install 'jaxsim-lidar\[rerun\]'"):
         write_rrd(tmp_path / "a.rrd", [])
     assert not (tmp_path / "a.rrd").exists()
+
+
+def test_a_frame_becomes_a_file_with_a_point_a_return_and_is_not_written_again(tmp_path):
+    folder, _ = sides(tmp_path, scenes=3)
+    assert export_frames(folder, tmp_path / "clouds", "npz", every=2) == 2
+    frames = open_polar_frames(folder)
+    files = sorted((tmp_path / "clouds").iterdir())
+    assert [path.stem for path in files] == [*frames.names[::2]]
+    for path in files:
+        image, _ = frames.read(path.stem)
+        points = read_cloud(path)
+        assert len(points) == np.asarray(image.valid).sum()
+        distance = np.linalg.norm(points[:, :3], axis=1)
+        np.testing.assert_allclose(np.sort(distance), np.sort(image.range_m[image.valid]), rtol=1e-5)
+    files[0].write_bytes(b"kept")
+    export_frames(folder, tmp_path / "clouds", "npz", most=1)
+    assert files[0].read_bytes() == b"kept"
+
+
+def test_a_folder_without_frames_is_told(tmp_path):
+    with pytest.raises(ValueError, match=r"no grid\.json"):
+        export_frames(tmp_path, tmp_path / "out", "ply")
