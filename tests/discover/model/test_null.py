@@ -41,11 +41,13 @@ def test_powers_are_as_uncertain_as_intensities_scatter_and_surfaces_differ(prob
 
 
 def test_a_threshold_on_an_uncertain_power_loses_the_mean_share(problem):
-    p = {"threshold": jnp.float32(-4.0), "width": jnp.float32(0.4)}
+    # Of the law's other form, a loss of dark readings, nothing.
+    values = {"threshold": -4.0, "width": 0.4, "limit": 0.5, "zero_loss": 0.0}
+    p = {name: jnp.float32(value) for name, value in values.items()}
     draws = np.random.default_rng(0).normal(0, 0.8, 20_000)
     for power in (-6.0, -4.5, -4.0, -3.0):
         rays = replace(problem.ev.rays, log_power=jnp.full((1,), power), log_power_sd=jnp.full((1,), 0.8))
-        rays = replace(rays, log_keep=jnp.zeros(1))
+        rays = replace(rays, log_keep=jnp.zeros(1), log_intensity=jnp.zeros(1))
         kept = float(jnp.exp(EFFECTS["snr_dropout"].apply(p, rays).log_keep[0]))
         assert kept == pytest.approx(np.mean(1 / (1 + np.exp(-(power + draws + 4.0) / 0.4))), abs=0.02)
 
