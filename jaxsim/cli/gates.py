@@ -25,7 +25,7 @@ EXIT: dict[Colour, int] = {"pass": 0, "gap": 1, "unsure": 2}
 TITLES: dict[Colour, str] = {
     "pass": "The simulation passes",
     "gap": "The simulation lacks something",
-    "unsure": "The frames cannot be judged",
+    "unsure": "This cannot be judged for certain",
 }
 Compared = Verdict | Mapping[str, Interval]
 """What a gate is asked of: a whole answer, or distances alone."""
@@ -40,14 +40,14 @@ def check_flags(gate: Path | None, write_gate: Path | None, *, fast: bool) -> No
 
 
 def ask_gate(path: Path, out: Path, compare: Callable[[], Compared]) -> int:
-    """The exit status of a gate, whose checks are written to `out`; where frames cannot be compared, that of
-    "unsure"."""
-    gate = read_gate(path)
+    """The exit status of a gate, whose checks are written to `out`; where the gate cannot be read, or frames cannot be
+    compared, that of "unsure": a gap is what a simulation lacks, not what a file does."""
     begun = time.monotonic()
     try:
+        gate = read_gate(path)
         shown = compare()
         checks = check_verdict(gate, shown) if isinstance(shown, Verdict) else check_distances(gate, shown)
-    except ValueError as error:
+    except (ValueError, FileNotFoundError) as error:
         checks = (Check("comparison", "unsure", str(error)),)
     colour = colour_of(checks)
     write_gate(out, checks, title=TITLES[colour], seconds=time.monotonic() - begun)

@@ -228,8 +228,8 @@ ENGINE = Engine(
     suffix=".json",
     notes=(
         "The frames that were compared should be CARLA's with dropoff_general_rate 0, dropoff_zero_intensity 0 and "
-        "noise_stddev 0: what a simulator drops shows no surface, and nothing can be told of it. Leave "
-        "dropoff_zero_intensity 0 afterwards: its default 0.4 drops far returns on top.",
+        "noise_stddev 0: what a simulator drops shows no surface, and nothing can be told of it. What is not written "
+        "stays as it was in them: CARLA's default dropoff_zero_intensity of 0.4 would drop far returns on top.",
         "Values that CARLA has now are given with --now; else its defaults are taken, with drop-off and noise off.",
     ),
     links=(

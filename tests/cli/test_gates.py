@@ -33,8 +33,8 @@ def refused():
     [
         (0.2, lambda: DISTANCES, 0, "The simulation passes"),
         (0.05, lambda: DISTANCES, 1, "The simulation lacks something"),
-        (0.095, lambda: DISTANCES, 2, "The frames cannot be judged"),
-        (0.2, refused, 2, "The frames cannot be judged"),
+        (0.095, lambda: DISTANCES, 2, "This cannot be judged for certain"),
+        (0.2, refused, 2, "This cannot be judged for certain"),
     ],
 )
 def test_the_status_is_the_colour_and_frames_that_cannot_be_compared_are_unsure(

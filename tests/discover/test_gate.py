@@ -231,6 +231,18 @@ def test_frames_that_cannot_be_compared_end_with_two(tmp_path):
     assert 'errors="1"' in (tmp_path / "out/junit.xml").read_text()
 
 
+def test_a_gate_that_cannot_be_read_is_no_gap(tmp_path):
+    simulated, measured = sides(tmp_path)
+    (tmp_path / "gate.json").write_text('{"threshold": {"intensity": 0.02}}')
+    for name, words in (("gate.json", "did you mean thresholds?"), ("none.json", "none.json")):
+        out = tmp_path / name.removesuffix(".json")
+        asked = discover.Discover(out=out, simulated=simulated, measured=measured, gate=tmp_path / name, fast=True)
+        with pytest.raises(SystemExit) as stop:
+            asked()
+        assert stop.value.code == 2
+        assert words in (out / "gate.md").read_text()
+
+
 @pytest.mark.slow
 def test_one_effect_in_the_embedded_worlds_sensor_turns_the_gate_red_and_is_named(
     tmp_path, monkeypatch, capsys, standard_promotion

@@ -40,7 +40,7 @@ def below(limit: Array, rays: Rays) -> Array:
 EFFECT = Effect(
     name="snr_dropout",
     stage="detection",
-    title="echoes below a power are lost",
+    title="weak echoes are lost",
     formula="keep *= σ((ln P − threshold) / width) · (1 − zero_loss · max(1 − I / limit, 0))",
     parameters={
         "threshold": Parameter(-20.0, -20.0, 0.0, "ln P", "log power at which half the echoes are lost", scale=4.0),
