@@ -92,7 +92,7 @@ def test_a_set_of_other_settings_is_not_added_to(raw_root, out, change, message,
 def test_files_of_other_code_are_not_mixed_with_new_ones(raw_root, tmp_path, monkeypatch):
     monkeypatch.setattr(pair_shards, "make", None)
     for code in ("old", "new"):
-        monkeypatch.setattr("jaxsim.pairs.sets.fingerprint", lambda *_, code=code: code)
+        monkeypatch.setattr("jaxsim.pairs.sets.pairs_fingerprint", lambda *_, code=code: code)
         with pytest.raises((TypeError, ValueError), match="not callable" if code == "old" else "code was"):
             make_set(tmp_path, kitti(raw_root), PREPARE, workers=1)
 
