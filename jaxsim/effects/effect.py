@@ -132,7 +132,8 @@ def check_bounds(law: Law, name: str, value: float) -> None:
     # Written and read numbers may have gone through float32.
     slack = 1e-6 * max(1.0, abs(p.low), abs(p.high))
     if not math.isfinite(value) or not p.low - slack <= value <= p.high + slack:
-        raise ValueError(f"{law.name}: {name} is {value:g} {p.unit}; it must lie in {p.low:g}..{p.high:g} {p.unit}")
+        unit = f" {p.unit}" if p.unit else ""
+        raise ValueError(f"{law.name}: {name} is {value:g}{unit}; it must lie in {p.low:g}..{p.high:g}{unit}")
 
 
 def wrong_length(law: Law, name: str, shape: tuple[int, ...], *, rows: int) -> str:

@@ -78,7 +78,7 @@ def test_what_is_saved_is_loaded(tmp_path):
         ({"name": "beam_gain", "parameters": [0.1]}, "is not"),
         ({"name": "magic"}, "no effect named 'magic'; known: extrinsic_rotation, "),
         ({"name": "beam_gain", "parameters": {"again": 1}}, "no parameter again; it has gain"),
-        ({"name": "gamma_response", "parameters": {"gamma": 9}}, r"gamma is 9 ; it must lie in 0\.3\.\.2"),
+        ({"name": "gamma_response", "parameters": {"gamma": 9}}, r"gamma is 9; it must lie in 0\.3\.\.2"),
         ({"name": "gamma_response", "parameters": {"gamma": float("nan")}}, "NaN is no number of JSON"),
         ({"name": "gamma_response", "parameters": {"gamma": "much"}}, "no number"),
         ({"name": "gamma_response", "parameters": {"gamma": [1, 1]}}, "it is one number"),

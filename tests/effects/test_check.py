@@ -33,7 +33,7 @@ def parameter(neutral: object = 0.0, low: object = 0.0, high: object = 1.0, scal
         ({"parameter": parameter(scale=0.0)}, "share has scale 0"),
         ({"parameter": parameter(high="float('inf')")}, "all must be finite"),
         ({"parameter": parameter(more=", fitted=False")}, "no parameter is fitted"),
-        ({"apply": 'apply, starts=({"share": 2.0},)'}, r"share is 2 ; it must lie in 0\.\.1"),
+        ({"apply": 'apply, starts=({"share": 2.0},)'}, r"share is 2; it must lie in 0\.\.1"),
     ],
 )
 def test_its_row_must_be_right(tmp_path, changes, words):
