@@ -85,21 +85,26 @@ def read_gate(path: Path) -> Gate:
     check_keys(given, tuple(CHANNELS), where=f"gate: {path}: thresholds")
     thresholds = {}
     for channel, value in given.items():
-        try:
-            thresholds[channel] = real(value)
-        except (TypeError, ValueError):
-            # Not raised here: a word and a number below 0 are refused in the same words.
-            thresholds[channel] = -1.0
+        thresholds[channel] = _number(value)
         if not thresholds[channel] > 0:
             raise ValueError(f"gate: {path}: the threshold of {channel} is {value!r}; it must be a number above 0")
     allowed = content.get("allowed", [])
     if not isinstance(allowed, list) or not all(isinstance(name, str) for name in allowed):
         raise ValueError(f"gate: {path}: allowed must be a list of effects' names")
     check_keys(dict.fromkeys(allowed), (*EFFECTS, NOT_NAMED), where=f"gate: {path}: allowed")
-    nats = content.get("effect_nats", RULES.gate_effect_nats)
-    if isinstance(nats, bool) or not isinstance(nats, int | float) or not 0 <= nats < np.inf:
-        raise ValueError(f"gate: {path}: effect_nats is {nats!r}; it must be a number, 0 or more")
-    return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")), float(nats))
+    given_nats = content.get("effect_nats", RULES.gate_effect_nats)
+    nats = _number(given_nats)
+    if not nats >= 0:
+        raise ValueError(f"gate: {path}: effect_nats is {given_nats!r}; it must be a number, 0 or more")
+    return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")), nats)
+
+
+def _number(value: Any) -> float:
+    """A number of a gate; -1 of what is none, so that a word and a number below 0 are refused in the same words."""
+    try:
+        return real(value)
+    except (TypeError, ValueError):
+        return -1.0
 
 
 def thresholds_of(distances: Mapping[str, Interval]) -> dict[str, float]:

@@ -373,7 +373,7 @@ class Rules:
     """Held-out nats a scene from which a named effect is a gap, by default, and nats of judge scenes from which what
     has no name is one; below it a gate is unsure. Weighed on rows beside this package (benchmarks/blind/measured,
     worlds_sealed and worlds_sealed_again; of what has no name worlds_nulls_again, too): of 127 sensors in which
-    nothing was missing six had a name, with 1.0 to 2.1 nats; of 41 effects of severity 2 that were named, eight had
+    nothing was missing six had a name, with 1.0 to 2.1 nats; of 40 effects of severity 2 that were named, seven had
     less. Of ten nulls without a name two had more."""
     gate_least: float = 1e-3
     """Least threshold of a distance: a millimetre, a thousandth of the full scale, or of the rays; finer than files."""
