@@ -199,7 +199,7 @@ def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
     was_so = gate.baseline is not None and gate.baseline.get("verdict") == NOT_NAMED
     if verdict.verdict == NOT_NAMED and NOT_NAMED not in gate.allowed and not was_so:
         what = verdict.unexplained.covariate if verdict.unexplained else "its own coordinates"
-        nats = unseen_nats(verdict)
+        nats = verdict.judged_nats(*verdict.gap)
         told.append(f"something that no effect describes, along {what} ({nats:.3g} nats a judge scene)")
         certain = certain or nats >= gate.effect_nats
     if certain:
@@ -209,11 +209,6 @@ def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
         return Check("effects", "unsure", f"the simulation may lack {', '.join(told)}; {least}")
     allowed = ", ".join(one.name for one in verdict.effects)
     return Check("effects", "pass", f"nothing but what may be: {allowed}" if allowed else "no effect is missing")
-
-
-def unseen_nats(verdict: Verdict) -> float:
-    """What judge scenes gain with all in place that was found, nats a scene, all channels."""
-    return sum(gap.gained.value for gap in verdict.gap.values() if gap.gained is not None)
 
 
 def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:

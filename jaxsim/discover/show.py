@@ -148,12 +148,6 @@ def judge_known(
     return shown.gap, shown.closure
 
 
-def judged_nats(effect: Named, gap: Mapping[str, Gap]) -> float:
-    """What judge scenes gain in the channels of an effect, in their mean, with all that was named in place: nats."""
-    told = [gap[channel].gained for channel in effect.channels if channel in gap]
-    return sum(one.value for one in told if one is not None)
-
-
 def without_unconfirmed(verdict: Verdict) -> Verdict:
     """The verdict without the effects by which its judge scenes do not gain: these are kept as `unconfirmed`. The gap
     still shows what all of them do.
@@ -161,7 +155,7 @@ def without_unconfirmed(verdict: Verdict) -> Verdict:
     The mean decides, not its interval: judge scenes are few, and right effects may be rare or weak
     (`Rules.confirmed_nats`).
     """
-    lost = tuple(effect for effect in verdict.effects if judged_nats(effect, verdict.gap) <= RULES.confirmed_nats)
+    lost = tuple(effect for effect in verdict.effects if verdict.judged_nats(*effect.channels) <= RULES.confirmed_nats)
     if not lost:
         return verdict
     confirmed_effects = tuple(effect for effect in verdict.effects if effect not in lost)

@@ -149,6 +149,11 @@ class Verdict:
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
+    def judged_nats(self, *channels: str) -> float:
+        """What judge scenes gain in these channels, in their mean, with all in place that was found: nats a scene."""
+        told = [self.gap[channel].gained for channel in channels if channel in self.gap]
+        return sum(one.value for one in told if one is not None)
+
     def to_json(self) -> dict[str, Any]:
         """The content of verdict.json (docs/verdict.md)."""
         content = plain(self)
