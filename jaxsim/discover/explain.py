@@ -168,6 +168,15 @@ def simulator_noise(noise: Levels) -> tuple[str, ...]:
     )
 
 
+def unconfirmed_curves(curves: Sequence[str]) -> tuple[str, ...]:
+    """What a reader must know of free curves that judge scenes do not bear out."""
+    return tuple(
+        f"not confirmed on unseen scenes: {curve} explained the scenes that the search saw, but the judge scenes do "
+        "not gain in the mean; it is not added"
+        for curve in curves
+    )
+
+
 def mutual_noise(found: Sequence[str]) -> tuple[str, ...]:
     """What a reader must know of what was found and is not said."""
     if not found:

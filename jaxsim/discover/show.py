@@ -30,6 +30,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Gap, Interval, Judged, JudgeFrame, Named, Verdict
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.effect import CHANNELS
 
 WHY_NOT = "scenes that it was not fitted to do not gain by it"
 
@@ -94,6 +95,24 @@ def on_evidence(
     """The null model's problem on other evidence, with effects in place and the noise that they leave."""
     problem = Problem(division.scan, ev, null.equations, noise, null.clutter)
     return reweighted(in_place(problem, effects, simulated=True), fitted)
+
+
+def law_gains(
+    division: Division, null: Problem, *, before: Problem, effects: Chain, added: Added, known: SensorModel
+) -> bool:
+    """Whether judge scenes gain, in its channel and in the mean, by the law that was learned (`Rules.confirmed_nats`).
+    `effects` are those that were in place before it, in `before`; all of `added` with the law."""
+    if added.learned is None:
+        return False
+    ev, scene = division.all_evidence(known)
+    fitted = (scene < len(division.parts.find)).astype(np.float32)
+    without = on_evidence(division, ev, null, effects=effects, noise=before.noise, fitted=fitted)
+    noise = refitted(in_place(null, added.chain)).noise
+    with_law = on_evidence(division, ev, null, effects=added.chain, noise=noise, fitted=fitted)
+    equations = on_evidence(division, ev, null, effects=[], noise=null.noise, fitted=fitted).equations
+    apart = [distance(problem, fitted, equations, scene=scene) for problem in (without, with_law)]
+    gained = (apart[1].log_likelihood - apart[0].log_likelihood).mean(0)
+    return bool(gained[CHANNELS.index(added.learned.learned.channel)] > RULES.confirmed_nats)
 
 
 def _frames(

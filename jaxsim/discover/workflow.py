@@ -20,6 +20,7 @@ from jaxsim.discover.explain import (
     own_candidates,
     ranking,
     simulator_noise,
+    unconfirmed_curves,
     why_not,
 )
 from jaxsim.discover.find import Dependences, find_dependences
@@ -30,7 +31,7 @@ from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.together import in_place, refitted
 from jaxsim.discover.mounting import named_mounting, place_mounting, refine_lift, registered_of
-from jaxsim.discover.name.answer import Answer, name_effects
+from jaxsim.discover.name.answer import Answer, name_effects, without_curve
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.select import Choice, Log
 from jaxsim.discover.objects import compare_objects
@@ -39,7 +40,7 @@ from jaxsim.discover.regimes import Divided, find_regimes
 from jaxsim.discover.repeats import examine, formula_of, one_sided, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, unrelated
-from jaxsim.discover.show import sensor_of, show_gap, with_mounting, without_unconfirmed
+from jaxsim.discover.show import law_gains, sensor_of, show_gap, with_mounting, without_unconfirmed
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
@@ -167,6 +168,7 @@ def discover(
             *notes(comparison, parts, model.choice, held=modelled),
             *simulator_noise(division.simulator.noise),
             *mutual_noise(model.answer.mutual),
+            *unconfirmed_curves(model.answer.unconfirmed),
             *([rest_in_words(every)] if every else []),
             *([unrelated_note] if unrelated_note else []),
         ),
@@ -213,6 +215,13 @@ def sensor_model_of(
     if answer.curve:
         form = curve_form(choice.problem, *answer.curve, crossed=dependences.crossed, bar=choice.bars.free)
     added = add_effects(null, choice.steps, known=known, form=form, regions=divided.regions)
+    effects = [step.placed for step in choice.steps]
+    if added.learned and not law_gains(
+        division, null, before=choice.problem, effects=effects, added=added, known=known
+    ):
+        log(f"{added.learned.learned.name}: scenes that it was not fitted to do not gain by it")
+        answer = without_curve(answer)
+        added = add_effects(null, choice.steps, known=known, regions=divided.regions)
     if added.learned:
         log(f"{added.learned.learned.name}: no effect of the catalogue, added as it is")
         # The law leaves less noise than there was: what is asked next must know it.

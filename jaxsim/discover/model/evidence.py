@@ -340,25 +340,29 @@ def _cut_off(
 
 
 def angle_scores(
-    given_rad: Float[Array, "*f"], *, hit: Bool[Array, "*f"], semantic: Int[Array, "*f"]
-) -> Float[np.ndarray, "*f"]:
-    """The slope of ln density of the simulator's angles of incidence at each ray, 1/rad: of flat ground, of terrain and
-    of all else.
+    given_rad: Float[Array, "f r n"], *, hit: Bool[Array, "f r n"], semantic: Int[Array, "f r n"]
+) -> Float[np.ndarray, "f r n"]:
+    """The slope of ln density of the simulator's angles of incidence at each ray, 1/rad, among the rays of its row: of
+    flat ground, of terrain and of all else.
 
     An angle that is known with noise of variance v stands, in the mean, for one that lies v times this slope away
-    (Tweedie's formula; Efron 2011, eq. 1.4): rays of the road that seem to be seen steeply are mostly others.
+    (Tweedie's formula; Efron 2011, eq. 1.4): rays of the road that seem to be seen steeply are mostly others. Rows are
+    asked one by one, for each sees the road at an angle of its own: over all rows the density ends at the lowest one,
+    and its rays would all be moved up.
     """
     given = np.minimum(np.asarray(given_rad), np.pi / 2)
     score = np.zeros(given.shape, np.float32)
     returns, semantic = np.asarray(hit), np.asarray(semantic)
     borders = np.arange(0, np.pi / 2 + STEP_RAD, STEP_RAD)
+    middle = (borders[1:] + borders[:-1]) / 2
     ground, terrain = np.isin(semantic, GROUND), np.isin(semantic, TERRAIN)
     for kind in (ground, terrain, ~ground & ~terrain):
-        count, _ = np.histogram(given[kind & returns], borders)
-        # One ray more in each bin: empty ones then have a logarithm, and no cliff beside them.
-        slope = np.gradient(np.log(gaussian_filter1d(count.astype(float), SMOOTH_STEPS) + 1), STEP_RAD)
-        middle = (borders[1:] + borders[:-1]) / 2
-        score[kind] = np.interp(given[kind], middle, np.clip(slope, -MOST_SCORE, MOST_SCORE))
+        for row in range(given.shape[1]):
+            of, angle = kind[:, row], given[:, row]
+            count, _ = np.histogram(angle[of & returns[:, row]], borders)
+            # One ray more in each bin: empty ones then have a logarithm, and no cliff beside them.
+            slope = np.gradient(np.log(gaussian_filter1d(count.astype(float), SMOOTH_STEPS) + 1), STEP_RAD)
+            score[:, row][of] = np.interp(angle[of], middle, np.clip(slope, -MOST_SCORE, MOST_SCORE))
     return score
 
 

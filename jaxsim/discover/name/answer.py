@@ -44,6 +44,8 @@ class Answer:
     """Free curves that are found with the sides exchanged as well."""
     mutual: tuple[str, ...] = ()
     """All that was found, and is not said because the sides say it of each other (`exchange`), in words."""
+    unconfirmed: tuple[str, ...] = ()
+    """Free curves that scenes to which they were not fitted do not gain by, in words."""
 
 
 def name_effects(
@@ -93,6 +95,20 @@ def name_effects(
         answer = decide(null, choice, dependences, scene=scene, without=without, but=curves)
     mutual = (*choice.refused, *map(in_words, curves))
     return replace(answer, nulls=drawn, both_show=tuple(curves), mutual=mutual)
+
+
+def without_curve(answer: Answer) -> Answer:
+    """The answer without its free curve, which is not confirmed: what is named stays, and beside it there is none."""
+    if answer.curve is None:
+        return answer
+    along = answer.curve[0].channel, answer.curve[0].covariate
+    return replace(
+        answer,
+        verdict="named" if answer.choice.steps else "none",
+        unexplained=None,
+        curve=None,
+        unconfirmed=(*answer.unconfirmed, in_words(along)),
+    )
 
 
 def in_words(along: Along) -> str:

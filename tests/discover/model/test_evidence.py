@@ -76,3 +76,19 @@ def test_angles_with_noise_stand_for_what_is_common():
             near = (np.abs(seen - middle) < 0.02) & kind
             shift = (true - seen)[near].mean()
             assert shift == pytest.approx(expected[near].mean(), abs=0.003)
+
+
+def test_no_row_is_moved_as_a_whole():
+    """Each row sees level ground at an angle of its own: noise scatters angles about it, in the lowest row too, beyond
+    which there is no ground."""
+    rng = np.random.default_rng(1)
+    rows = np.deg2rad(np.linspace(75, 55, 21))
+    shape, sd = (8, len(rows), 500), np.deg2rad(3.0)
+    true = np.broadcast_to(rows[None, :, None], shape)
+    seen = true + rng.normal(0, sd, shape)
+    scores = angle_scores(seen, hit=np.ones(shape, bool), semantic=np.full(shape, 7))
+    # Within a row the expected true angle is the row's own; over the row the shifts cancel.
+    below = seen < true
+    for row in (0, 10, 20):
+        assert abs(scores[:, row].mean()) < 0.05 * np.abs(scores[:, row]).mean()
+        assert scores[:, row][below[:, row]].mean() > 5 > -5 > scores[:, row][~below[:, row]].mean()
