@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.discover.explain import named, why_not
+from jaxsim.discover.explain import named, unconfirmed_curves, why_not
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.rules import RULES
 from tests.discover.name.made import candidate, problem, step
@@ -33,3 +33,10 @@ def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
     assert one.look_alikes == ("range_falloff",)
     assert one.tell_apart["range_falloff"]
     assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
+
+
+def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
+    assert unconfirmed_curves(()) == ()
+    [note] = unconfirmed_curves(("intensity along range",))
+    assert note.startswith("not confirmed on unseen scenes: intensity along range ")
+    assert note.endswith("it is not added")

@@ -15,7 +15,7 @@ from jaxsim.discover.model.together import in_place, refitted
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.scenes import fold_half_width, jackknife_sd, student_reach
-from jaxsim.discover.show import gap_with
+from jaxsim.discover.show import gap_with, law_gains
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from tests.discover.toy import toy
@@ -63,6 +63,17 @@ def test_the_law_is_what_was_hidden_within_its_band(added):
     assert np.abs(off).max() < 0.05
     assert np.mean(np.abs(off) < 3 * np.array(law.sd)) > 0.7
     assert added.sensor == SensorModel(learned=(law,))
+
+
+def test_unseen_scenes_gain_by_it_and_not_by_its_opposite(division, null, added):
+    def gains(added):
+        return law_gains(division, null, before=null, effects=[], added=added, known=NOTHING_YET)
+
+    assert gains(added)
+    [law] = added.law_refits
+    opposite = {name: -value for name, value in law.fit.z.items()}
+    assert not gains(replace(added, law_refits=(replace(law, fit=replace(law.fit, z=opposite)),)))
+    assert not gains(add_effects(null, [], known=NOTHING_YET))
 
 
 def test_its_formula_is_a_sine_of_its_period(added):

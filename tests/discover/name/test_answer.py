@@ -104,3 +104,19 @@ def test_a_curve_that_both_sides_show_is_not_asked_again(monkeypatch):
     assert said.verdict == "none"
     assert said.mutual == ("intensity along range",)
     assert answer.name_effects(whole, [], [], scene=np.arange(11)).verdict == "not_in_catalogue"
+
+
+@pytest.mark.parametrize(("steps", "verdict"), [((), "none"), ((step(candidate("beam_gain", 8)),), "named")])
+def test_without_a_curve_that_is_not_confirmed_the_rest_stays(steps, verdict):
+    curve = (DEPENDENCE["intensity"], candidate("curve", 9))
+    found = answer.Answer(
+        "not_in_catalogue",
+        Choice(steps, (), problem()),
+        unexplained=Unexplained("intensity", "range", "other", ""),
+        curve=curve,
+    )
+    left = answer.without_curve(found)
+    assert (left.verdict, left.unexplained, left.curve) == (verdict, None, None)
+    assert left.choice is found.choice
+    assert left.unconfirmed == ("intensity along range",)
+    assert answer.without_curve(left) is left
