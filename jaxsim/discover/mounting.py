@@ -66,8 +66,9 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     scan = comparison.scan
     if registered.early_or_late:
         # Frames' own places hold what the mounting is off by as well.
-        moved = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
-        return Mounting((), replace(comparison, scan=moved, cast_again=True, other_moments=True), known)
+        moved, told = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
+        again = replace(comparison, scan=moved, told=told, cast_again=True, other_moments=True)
+        return Mounting((), again, known)
     # A mounting is that of all frames: what acts in a part of them alone stays with what else is known.
     given = {name for name, _ in known.effects} - {*known.regions}
     named = tuple(name for name in registered.sure if name in candidates)
@@ -79,7 +80,10 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     motion = {k: v for k, v in _of_frames(everywhere, rows=scan.range_m.shape[1]).items() if k in named}
     motion |= {name: _as_stated(name, known, scan) for name in stated}
     rest = replace(known, effects=tuple(pair for pair in known.effects if pair[0] not in stated))
-    return Mounting(named, replace(comparison, scan=seen_from(scan, motion), cast_again=True), rest)
+    moved, told = seen_from(scan, motion)
+    # Lifted beams meet the steps to their sides where they were.
+    aside = set(motion) != {"beam_elevation_error"}
+    return Mounting(named, replace(comparison, scan=moved, told=told, cast_again=aside), rest)
 
 
 def place_alike(comparison: Comparison, mounting: Mounting, known: SensorModel = NOTHING_YET) -> Comparison:

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames, scene_of
 from jaxsim.discover.checks import (
@@ -25,7 +25,7 @@ from jaxsim.discover.checks import (
 )
 from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, with_planes
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
-from jaxsim.discover.model.moved import same_surfaces
+from jaxsim.discover.model.moved import same_surfaces, seen_by_both
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.register import register
@@ -66,8 +66,11 @@ class Comparison:
     speeds: dict[str, float] | None = None
     """Speed of each scene, m/s, where they are not given and the frames tell them."""
     cast_again: bool = False
-    """Whether the simulated frames were cast again from elsewhere: what lies between the surfaces of two rays is not
-    known."""
+    """Whether the simulated frames were cast again from elsewhere: what lies between the surfaces of two rays of a row
+    is not known."""
+    told: Bool[np.ndarray, "f r n"] | None = None
+    """Rays of frames that were cast again of which the simulated frames tell anything; others count on neither side.
+    None where all do."""
     other_moments: bool = False
     """Whether frames of one name are of different moments: rays whose ranges are of different surfaces count on neither
     side."""
@@ -271,10 +274,14 @@ class Division:
             valid=measured.valid,
             noises=noises,
         )
+        # Not before: a ray that counts on neither side would look like one that the simulator lost.
+        both = simulator.scan, measured
+        if comparison.told is not None:
+            both = seen_by_both(*both, same=comparison.told)
         if comparison.other_moments:
-            # Not before: a ray that counts on neither side would look like one that the simulator lost.
-            same_scan, measured = jax.tree.map(jnp.asarray, same_surfaces(simulator.scan, measured))
-            simulator = replace(simulator, scan=same_scan)
+            both = same_surfaces(*both)
+        both_scan, measured = jax.tree.map(jnp.asarray, both)
+        simulator = replace(simulator, scan=both_scan)
         given, ranges = simulator.scan, simulator.ranges
         chosen = chosen or blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)

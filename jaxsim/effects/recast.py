@@ -23,6 +23,8 @@ from jaxsim.geometry import with_neighbours
 
 BORDER = 2.0
 """Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""
+LEAST, MOST = 0.3, 3.0
+"""Within these factors a plane's range and its cosine of incidence follow a displaced ray."""
 FAR_M = 200.0
 """Where a ray that meets nothing is looked up after its origin moved."""
 
@@ -47,8 +49,36 @@ def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
     Lambert's law.
     """
     turned, moved = rays.turned_rad, rays.moved_m
+    row, column, inside = _cell_met(rays, scan, passes)
+    surface = _surface(scan, (rays.frame, row, column))
+    # Rays that keep their own surface are not displaced on it either.
+    known = inside[..., None]
+    turn = jnp.where(known, turned, jnp.zeros_like(turned))
+    move = jnp.where(known, moved, jnp.zeros_like(moved))
+    met, _ = _meet(rays, scan, surface, turned=turn, moved=move)
+    return _place(rays, scan, surface, met_m=met, turn=turn)
+
+
+def is_told(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Bool[Array, "*n"]:
+    """Whether the image tells what turned and moved rays meet: they go no farther than BORDER beyond it, meet the plane
+    of a cell where that says something of its range, and no cell beside that hits nothing where it hits something, or
+    the other way about. Where between two rays a surface ends is in no image, nor what lies along it."""
+    row, column, inside = _cell_met(rays, scan, passes)
+    surface = _surface(scan, (rays.frame, row, column))
+    met, towards = _meet(rays, scan, surface, turned=rays.turned_rad, moved=rays.moved_m)
+    far = met / jnp.where(surface.hit, surface.range_m, FAR_M)
+    along = ((far <= LEAST) | (far >= MOST) | (towards <= LEAST) | (towards >= MOST)) & surface.hit
+    ends = (jnp.isfinite(_beside(scan, (rays.frame, row, column))) != surface.hit[..., None]).any(-1)
+    displaced = (rays.turned_rad != 0).any(-1) | (rays.moved_m != 0).any(-1)
+    return ~displaced | (inside & ~along & ~ends)
+
+
+def _cell_met(
+    rays: Rays, scan: Scan, passes: int | Int[Array, ""]
+) -> tuple[Int[Array, "*n"], Int[Array, "*n"], Bool[Array, "*n"]]:
+    """Row and column of the cell that each ray meets, and whether it lies in the image, looked up `passes` times."""
     # Which cell is met has no derivative.
-    held_turn, held_move = jax.lax.stop_gradient(turned), jax.lax.stop_gradient(moved)
+    held_turn, held_move = jax.lax.stop_gradient(rays.turned_rad), jax.lax.stop_gradient(rays.moved_m)
 
     def again(_: Any, cell: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         surface = _surface(scan, (rays.frame, *cell[:2]))
@@ -57,14 +87,7 @@ def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
 
     # The first look takes the surface for infinitely far: right for turns, and a start for moves.
     cell = _look_up(rays, scan, held_turn, moved=held_move, met_m=jnp.full(rays.range_m.shape, jnp.inf))
-    row, column, inside = jax.lax.fori_loop(1, passes, again, cell)
-    surface = _surface(scan, (rays.frame, row, column))
-    # Rays that keep their own surface are not displaced on it either.
-    known = inside[..., None]
-    turn = jnp.where(known, turned, jnp.zeros_like(turned))
-    move = jnp.where(known, moved, jnp.zeros_like(moved))
-    met, _ = _meet(rays, scan, surface, turned=turn, moved=move)
-    return _place(rays, scan, surface, met_m=met, turn=turn)
+    return jax.lax.fori_loop(1, passes, again, cell)
 
 
 def _look_up(
@@ -152,10 +175,10 @@ def _meet(
     left = y * jnp.cos(a) - x * jnp.sin(a)
     o = (ahead * jnp.cos(e) + z * jnp.sin(e), left, z * jnp.cos(e) - ahead * jnp.sin(e))
     # The clips bind on surfaces seen edge on alone, where a plane says nothing of the range.
-    towards = jnp.clip(d[0] + s.u * d[1] + s.v * d[2], 0.3, 3.0)
+    towards = jnp.clip(d[0] + s.u * d[1] + s.v * d[2], LEAST, MOST)
     # Where nothing is hit no quotient may come out as not a number, for its derivative would.
     safe = jnp.where(s.hit, s.range_m, 1.0)
-    share = jnp.clip((1 - (o[0] + s.u * o[1] + s.v * o[2]) / safe) / towards, 0.3, 3.0)
+    share = jnp.clip((1 - (o[0] + s.u * o[1] + s.v * o[2]) / safe) / towards, LEAST, MOST)
     return jnp.where(s.hit, safe * share, FAR_M), towards
 
 

@@ -21,7 +21,8 @@ def apply(p: dict[str, Array], rays: Rays) -> Rays:
     beyond = jnp.where(edge, beyond, rays.range_m)
     return replace(
         rays,
-        between=jnp.where(edge, p["probability"], rays.between),
+        # Beside what is known to lie between them already.
+        between=jnp.where(edge, rays.between + (1 - rays.between) * p["probability"], rays.between),
         # The sensor's errors of range are those of the one surface, for both.
         between_m=jnp.where(edge, beyond + (rays.reading_m - rays.range_m), rays.between_m),
     )

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxsim.discover.model.moved import same_surfaces, seen_from
 from jaxsim.effects.scan import scan_of
+from jaxsim.frame import PolarImage
 from tests.discover.rooms import GRID, measured_of, rooms, seen
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
@@ -23,7 +24,7 @@ def effects(poses):
 
 def test_ranges_are_those_seen_from_there():
     streets = rooms(3)
-    moved = seen_from(scan_of(GRID, [seen(room) for room in streets]), effects(POSES))
+    moved, _ = seen_from(scan_of(GRID, [seen(room) for room in streets]), effects(POSES))
     truth = np.stack([np.asarray(seen(r, p).range_m) for r, p in zip(streets, POSES, strict=True)])
     off = np.abs(moved.range_m - truth) / truth
     assert np.median(off) < 1e-4
@@ -33,17 +34,35 @@ def test_ranges_are_those_seen_from_there():
 def test_lifted_beams_see_what_lies_higher():
     streets = rooms(3)
     lift = {"beam_elevation_error": {"error_rad": np.full(24, 0.0087)}}
-    moved = seen_from(scan_of(GRID, [seen(room) for room in streets]), lift)
+    moved, _ = seen_from(scan_of(GRID, [seen(room) for room in streets]), lift)
     truth = np.stack([np.asarray(seen(room, lift=0.0087).range_m) for room in streets])
     assert np.median(np.abs(moved.range_m - truth) / truth) < 1e-4
 
 
 def test_a_sensor_that_stays_sees_what_it_saw():
     scan = scan_of(GRID, [seen(room) for room in rooms(2)])
-    same = seen_from(scan, effects(np.zeros((2, 6))))
+    same, told = seen_from(scan, effects(np.zeros((2, 6))))
     np.testing.assert_allclose(same.range_m, scan.range_m, rtol=1e-6)
     np.testing.assert_allclose(same.intensity, scan.intensity, rtol=1e-5)
     np.testing.assert_array_equal(same.semantic, scan.semantic)
+    assert told.all()
+
+
+def test_beyond_the_image_and_beyond_a_horizon_nothing_is_told():
+    scan = scan_of(GRID, [seen(room) for room in rooms(2)])
+    step = GRID.elevation_rad[0] - GRID.elevation_rad[1]
+    lift = {"beam_elevation_error": {"error_rad": np.full(24, 4.2 * step)}}
+    _, told = seen_from(scan, lift)
+    # Two rows beyond the image its surfaces go on.
+    assert not told[:, :2].any()
+    assert told[:, 3:].mean() > 0.95
+    # Where between two beams the ground ends is in no frame.
+    down = -np.asarray(GRID.elevation_rad)[:, None] + np.zeros(180)
+    flat = np.where(down > 0.02, 1.7 / np.sin(np.maximum(down, 0.02)), 0).astype(np.float32)
+    ground = scan_of(GRID, [PolarImage(flat, (flat > 0).astype(np.float32), flat > 0)])
+    _, told = seen_from(ground, {"beam_elevation_error": {"error_rad": np.full(24, 0.3 * step)}})
+    first = int(np.argmax(down[:, 0] > 0.02))
+    np.testing.assert_array_equal(told[0, :, 0], ~np.isin(np.arange(24), (first - 1, first)))
 
 
 def test_what_moved_is_seen_by_neither_side_and_a_lost_ray_stays_lost():
