@@ -276,6 +276,9 @@ def test_mixed_readings_reach_to_the_nearer_of_the_farther_neighbours():
     hit = np.asarray(rays.hit)
     np.testing.assert_allclose(np.asarray(after.between), np.where(hit, 0.5, 0))
     np.testing.assert_allclose(np.asarray(after.between_m)[hit], 22.1, rtol=1e-6)
+    # Of what is not known to lie between already, half does.
+    known = effect.apply(effect.values({"probability": 0.5}, ROWS), after)
+    np.testing.assert_allclose(np.asarray(known.between), np.where(hit, 0.75, 0))
     for sides in ([20.2, 19.0, 50.0, 50.0], [jnp.inf, 20.0, 0.0, 0.0]):
         none = rays.replace(beside_m=jnp.broadcast_to(jnp.array(sides), beside.shape))
         assert (np.asarray(effect.apply(effect.values({"probability": 0.5}, ROWS), none).between) == 0).all()
