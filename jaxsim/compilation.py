@@ -22,15 +22,15 @@ def enable_compilation_cache() -> None:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
-def cache_folder() -> Path | None:
-    """Where compiled programs are kept by default; None where this user has no folder to write to.
+def cache_folder(kind: str = "xla") -> Path | None:
+    """Where compiled programs of a kind are kept by default; None where this user has no folder to write to.
 
     A container often runs as a user without a name, without a home, or with one that is read-only. What would lie in
     a folder that all users share might be another's program.
     """
     try:
         home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        folder = Path(home) / "jaxsim" / "xla"
+        folder = Path(home) / "jaxsim" / kind
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
     except (RuntimeError, OSError):

@@ -6,6 +6,8 @@ grid's last cell. A table holds rows of the other side; one past the last row me
 
 A table is built once a stage and has no gradient. Every pass, forward and backward, gathers rows and multiplies:
 no feature is scattered, and no dense volume is made.
+
+This is XLA's form of it. On a CPU with a C++ compiler `native` takes its place, with the same answers but for rounding.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.detect import native
 from jaxsim.frame import Array
 
 Triple = tuple[int, int, int]
@@ -103,6 +106,9 @@ def strided_sites(sites: Sites, window: ConvWindow, capacity: int) -> tuple[Site
     """Outputs that have an active input in their kernel, and how many of them did not fit `capacity`."""
     kernel, stride, padding = window
     shape = strided_shape(sites.shape, window)
+    if native.available():
+        key, dropped = native.strided_sites(sites.key, capacity, _numbers(sites.shape, shape, window))
+        return Sites(key, shape), dropped
     zyx, valid = sites.zyx, sites.valid
     # Input i is seen by outputs o with o t - p <= i < o t - p + k: along each axis the last such o and those below it.
     reach = [-(-k // t) for k, t in zip(kernel, stride, strict=True)]
@@ -120,6 +126,8 @@ def strided_sites(sites: Sites, window: ConvWindow, capacity: int) -> tuple[Site
 
 def neighbours(inputs: Sites, outputs: Sites, window: ConvWindow) -> Int[Array, "m k"]:
     """For each output and kernel cell (z slowest) the row of the input below it; n where there is none."""
+    if native.available():
+        return native.neighbours(inputs.key, outputs.key, _numbers(inputs.shape, outputs.shape, window))
     kernel, stride, padding = window
     n, (planes, rows, columns) = len(inputs.key), inputs.shape
     corner = outputs.zyx * jnp.array([stride]) - jnp.array([padding])
@@ -140,6 +148,10 @@ def neighbours(inputs: Sites, outputs: Sites, window: ConvWindow) -> Int[Array, 
     return jnp.stack(table, axis=-1).reshape(len(outputs.key), -1)
 
 
+def _numbers(shape: Triple, out_shape: Triple, window: ConvWindow) -> native.Numbers:
+    return {"shape": shape, "out_shape": out_shape, **window._asdict()}
+
+
 def submanifold_tables(sites: Sites) -> Tables:
     """Tables of a convolution with a kernel of 3 x 3 x 3 whose outputs are its inputs' sites."""
     forward = neighbours(sites, sites, ConvWindow(CUBE, (1, 1, 1), (1, 1, 1)))
@@ -149,6 +161,8 @@ def submanifold_tables(sites: Sites) -> Tables:
 def strided_tables(inputs: Sites, outputs: Sites, window: ConvWindow) -> Tables:
     """Tables of a convolution from `inputs` to the sites that `strided_sites` gave."""
     forward = neighbours(inputs, outputs, window)
+    if native.available():
+        return Tables(forward, native.other_side(forward, len(inputs.key)))
     m, k = forward.shape
     rows, columns = jnp.arange(m, dtype=jnp.int32)[:, None], jnp.arange(k, dtype=jnp.int32)[None]
     backward = jnp.full((len(inputs.key), k), m, jnp.int32).at[forward, columns].set(rows, mode="drop")
@@ -160,14 +174,26 @@ def sparse_conv(
     features: Float[Array, "n c"], kernel: Float[Array, "kz ky kx c d"], tables: Tables
 ) -> Float[Array, "m d"]:
     """Cross-correlation of the inputs' features with the kernel, at the outputs' sites."""
+    return _gather_and_multiply(features, _cells_of(kernel), tables.forward)
+
+
+def _gather_and_multiply(
+    features: Float[Array, "n c"], cells: Float[Array, "k c d"], table: Int[Array, "m k"]
+) -> Float[Array, "m d"]:
+    if _in_native(features, cells):
+        return native.convolve(features, cells, table)
 
     # One kernel cell after another: side by side the gathered rows of all cells would fill the memory.
     def add(total, cell):
         row, weights = cell
         return total + _rows(features, row) @ weights, None
 
-    start = jnp.zeros((len(tables.forward), kernel.shape[-1]), features.dtype)
-    return jax.lax.scan(add, start, (tables.forward.T, _cells_of(kernel)))[0]
+    start = jnp.zeros((len(table), cells.shape[-1]), features.dtype)
+    return jax.lax.scan(add, start, (table.T, cells))[0]
+
+
+def _in_native(*operands: Array) -> bool:
+    return all(operand.dtype == jnp.float32 for operand in operands) and native.available()
 
 
 def _rows(features: Float[Array, "n c"], row: Int[Array, " m"]) -> Float[Array, "m c"]:
@@ -185,16 +211,17 @@ def _forward(features, kernel, tables):
 
 def _backward(kept, change):
     features, kernel, tables = kept
+    # Inputs gather from the outputs that they add to, by the backward table: a scatter would sum in no fixed order.
+    of_features = _gather_and_multiply(change, _cells_of(kernel).transpose(0, 2, 1), tables.backward)
+    return of_features, _weight_gradient(features, change, tables.forward).reshape(kernel.shape), None
 
-    def add(total, cell):
-        row, back, weights = cell
-        # Inputs gather from the outputs that they add to, by the backward table: a scatter would sum in no fixed
-        # order.
-        return total + _rows(change, back) @ weights.T, _rows(features, row).T @ change
 
-    cells_of_kernel = (tables.forward.T, tables.backward.T, _cells_of(kernel))
-    of_features, of_kernel = jax.lax.scan(add, jnp.zeros_like(features), cells_of_kernel)
-    return of_features, of_kernel.reshape(kernel.shape), None
+def _weight_gradient(
+    features: Float[Array, "n c"], change: Float[Array, "m d"], table: Int[Array, "m k"]
+) -> Float[Array, "k c d"]:
+    if _in_native(features, change):
+        return native.weight_gradient(features, change, table)
+    return jax.lax.map(lambda row: _rows(features, row).T @ change, table.T)
 
 
 sparse_conv.defvjp(_forward, _backward)
