@@ -1,5 +1,5 @@
 """A sparse convolution's forward pass, and a whole stage with its neighbours, against spconv's CPU wheel; the backward
-pass and the tables alone.
+pass and the tables alone; all in both of our forms, in C++ and XLA's.
 
     python benchmarks/speed/sparse_conv.py [VELODYNE.bin]
 
@@ -11,7 +11,9 @@ the backbone's second: a strided convolution and two submanifold ones with ReLU,
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -20,6 +22,7 @@ import numpy as np
 from timing import interleave
 
 from jaxsim.config import VoxelConfig
+from jaxsim.detect import native
 from jaxsim.detect.sparse import (
     CUBE,
     ConvWindow,
@@ -80,6 +83,26 @@ def in_spconv(sites: Sites, features: np.ndarray, kernel: np.ndarray):
     return run
 
 
+def forms(function: Callable, *arguments) -> dict[str, Callable]:
+    """The function as compiled programs of both forms, by name; the arguments only show their shapes."""
+    compiled = {}
+    asked = os.environ.get(native.SETTING, "1")
+    for name, setting in (("C++", asked), ("XLA", "0")):
+        os.environ[native.SETTING] = setting
+        # A function of its own: programs of one function are traced once.
+        compiled[name] = jax.jit(lambda *given: function(*given)).lower(*arguments).compile()
+    os.environ[native.SETTING] = asked
+    return compiled
+
+
+def timed(programs: dict[str, Callable], *arguments, what: str = "") -> dict[str, Callable]:
+    """Calls to time, by name."""
+    return {
+        f"{name}{what}": lambda program=program: jax.block_until_ready(program(*arguments))
+        for name, program in programs.items()
+    }
+
+
 def stage(sites: Sites, features: jax.Array, kernels: list[jax.Array], capacity: int) -> tuple[Sites, jax.Array]:
     """A strided convolution and two submanifold ones, each with ReLU, and the tables that they need."""
     out, _ = strided_sites(sites, HALVING, capacity)
@@ -129,12 +152,13 @@ def compare_stages(sites: Sites, rng: np.random.Generator) -> None:
     widths = (low, high, high)
     kernels = [(rng.standard_normal((3, 3, 3, c, high)) / (27 * c) ** 0.5).astype(np.float32) for c in widths]
     x, w = jnp.asarray(features), [jnp.asarray(kernel) for kernel in kernels]
-    ours = jax.jit(lambda s, x, w: stage(s, x, w, capacity))
-    peers = {"jaxsim": lambda: jax.block_until_ready(ours(sites, x, w))}
+    ours = forms(lambda s, x, w: stage(s, x, w, capacity), sites, x, w)
+    both = forms(jax.grad(lambda x, w, s: (stage(s, x, w, capacity)[1] ** 2).sum(), (0, 1)), x, w, sites)
+    peers = timed(ours, sites, x, w)
     theirs = stage_in_spconv(sites, features, kernels)
     if theirs is not None:
         places, values = theirs()
-        out, found = ours(sites, x, w)
+        out, found = ours["C++"](sites, x, w)
         used = np.asarray(out.valid)
         order = np.lexsort(places.T[::-1])
         if not np.array_equal(np.asarray(out.zyx)[used], places[order]):
@@ -143,6 +167,7 @@ def compare_stages(sites: Sites, rng: np.random.Generator) -> None:
             f"stage: {used.sum()} sites; largest difference {np.abs(np.asarray(found)[used] - values[order]).max():.2g}"
         )
         peers["spconv"] = theirs
+    peers |= timed(both, x, w, sites, what=" and backward")
     interleave(f"a stage with its tables: strided {low} to {high}, two submanifold, forward", peers)
 
 
@@ -153,39 +178,37 @@ def main() -> None:
     make = jax.jit(lambda p, v: voxelize(p, v, CONFIG, max_voxels=CAP))
     voxels = make(points, valid)
     sites = voxels.sites
-    same = jax.jit(submanifold_tables)
-    tables = same(sites)
+    print(f"form: {native.form()}")
+    same = forms(submanifold_tables, sites)
+    tables = same["XLA"](sites)
     filled = float((tables.forward < CAP).mean())
     print(f"{int(sites.valid.sum())} voxels of {cells(sites.shape):,} cells, {filled:.1%} of the table's places filled")
 
-    @jax.jit
     def down(s: Sites):
         out, dropped = strided_sites(s, HALVING, 5 * CAP // 2)
         return strided_tables(s, out, HALVING), dropped
 
     interleave(
-        "tables, in ms",
+        "tables",
         {
-            "submanifold": lambda: jax.block_until_ready(same(sites).forward),
-            "strided": lambda: jax.block_until_ready(down(sites)[0].backward),
+            **timed(same, sites, what=", submanifold"),
+            **timed(forms(down, sites), sites, what=", strided"),
             "voxelize": lambda: jax.block_until_ready(make(points, valid).features),
         },
     )
-    convolve = jax.jit(sparse_conv)
     for channels in (16, 32, 64):
         features = rng.standard_normal((CAP, channels)).astype(np.float32)
         kernel = rng.standard_normal((3, 3, 3, channels, channels)).astype(np.float32)
         x, w = jnp.asarray(features), jnp.asarray(kernel)
-        both = jax.jit(jax.value_and_grad(lambda x, w: (sparse_conv(x, w, tables) ** 2).sum(), (0, 1)))
-        peers = {
-            "jaxsim forward": lambda x=x, w=w: jax.block_until_ready(convolve(x, w, tables)),
-            "jaxsim both": lambda x=x, w=w, both=both: jax.block_until_ready(both(x, w)),
-        }
+        forward = forms(sparse_conv, x, w, tables)
+        both = forms(jax.grad(lambda x, w, t: (sparse_conv(x, w, t) ** 2).sum(), (0, 1)), x, w, tables)
+        peers = timed(forward, x, w, tables)
         theirs = in_spconv(sites, features, kernel)
         if theirs is not None:
-            off = np.abs(theirs() - np.asarray(convolve(x, w, tables))[np.asarray(sites.valid)]).max()
+            off = np.abs(theirs() - np.asarray(forward["C++"](x, w, tables))[np.asarray(sites.valid)]).max()
             print(f"largest difference to spconv: {off:.2g}")
-            peers["spconv forward"] = theirs
+            peers["spconv"] = theirs
+        peers |= timed(both, x, w, tables, what=" and backward")
         interleave(f"submanifold 3 x 3 x 3, {channels} to {channels} channels", peers)
     compare_stages(sites, rng)
 

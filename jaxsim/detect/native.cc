@@ -91,11 +91,7 @@ struct Pairs {
 // sum[output] += x[input] * weights, of R pairs and V vectors of outputs' channels.
 template <int R, int V>
 inline void AddRows(const float* const* x, float* const* sum, const float* weights, int64_t c, int64_t stride) {
-  Vec total[R][V];
-#pragma GCC unroll 24
-  for (int r = 0; r < R; ++r)
-#pragma GCC unroll 4
-    for (int v = 0; v < V; ++v) total[r][v] = Load(sum[r] + v * kLanes);
+  Vec total[R][V] = {};  // small sums first: less is lost by rounding than where all add to one
   for (int64_t i = 0; i < c; ++i) {
     Vec w[V];
 #pragma GCC unroll 4
@@ -108,7 +104,7 @@ inline void AddRows(const float* const* x, float* const* sum, const float* weigh
 #pragma GCC unroll 24
   for (int r = 0; r < R; ++r)
 #pragma GCC unroll 4
-    for (int v = 0; v < V; ++v) Store(sum[r] + v * kLanes, total[r][v]);
+    for (int v = 0; v < V; ++v) Store(sum[r] + v * kLanes, Load(sum[r] + v * kLanes) + total[r][v]);
 }
 
 // All pairs of one kernel cell, R at a time; the last few are filled up with a row that nobody reads.
@@ -198,11 +194,7 @@ ffi::Error Convolve(ffi::ThreadPool pool, ffi::Buffer<ffi::F32> features, ffi::B
 template <int C, int V>
 inline void AddOuter(const float* x, int64_t c, const float* change, int64_t d, const int32_t* input,
                      const int32_t* output, int64_t count, float* sum) {
-  Vec total[C][V];
-#pragma GCC unroll 8
-  for (int i = 0; i < C; ++i)
-#pragma GCC unroll 4
-    for (int v = 0; v < V; ++v) total[i][v] = Load(sum + i * d + v * kLanes);
+  Vec total[C][V] = {};
   for (int64_t pair = 0; pair < count; ++pair) {
     const float* const row = x + input[pair] * c;
     Vec y[V];
@@ -216,7 +208,7 @@ inline void AddOuter(const float* x, int64_t c, const float* change, int64_t d, 
 #pragma GCC unroll 8
   for (int i = 0; i < C; ++i)
 #pragma GCC unroll 4
-    for (int v = 0; v < V; ++v) Store(sum + i * d + v * kLanes, total[i][v]);
+    for (int v = 0; v < V; ++v) Store(sum + i * d + v * kLanes, Load(sum + i * d + v * kLanes) + total[i][v]);
 }
 
 // features (*b, n, c), change (*b, m, d), table (*b, m, k) -> the kernel's gradient (*b, k, c, d)
