@@ -22,7 +22,7 @@ import numpy as np
 from timing import interleave
 
 from jaxsim.config import VoxelConfig
-from jaxsim.detect import native
+from jaxsim.detect.native import build
 from jaxsim.detect.sparse import (
     CUBE,
     ConvWindow,
@@ -86,12 +86,12 @@ def in_spconv(sites: Sites, features: np.ndarray, kernel: np.ndarray):
 def forms(function: Callable, *arguments) -> dict[str, Callable]:
     """The function as compiled programs of both forms, by name; the arguments only show their shapes."""
     compiled = {}
-    asked = os.environ.get(native.SETTING, "1")
+    asked = os.environ.get(build.SETTING, "1")
     for name, setting in (("C++", asked), ("XLA", "0")):
-        os.environ[native.SETTING] = setting
+        os.environ[build.SETTING] = setting
         # A function of its own: programs of one function are traced once.
         compiled[name] = jax.jit(lambda *given: function(*given)).lower(*arguments).compile()
-    os.environ[native.SETTING] = asked
+    os.environ[build.SETTING] = asked
     return compiled
 
 
@@ -178,7 +178,7 @@ def main() -> None:
     make = jax.jit(lambda p, v: voxelize(p, v, CONFIG, max_voxels=CAP))
     voxels = make(points, valid)
     sites = voxels.sites
-    print(f"form: {native.form()}")
+    print(f"form: {build.form()}")
     same = forms(submanifold_tables, sites)
     tables = same["XLA"](sites)
     filled = float((tables.forward < CAP).mean())

@@ -19,6 +19,7 @@ from flax import nnx, struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.config import BackboneConfig, RoiConfig, VoxelConfig
+from jaxsim.detect import native
 from jaxsim.detect.backbones import BOX, SparseScale
 from jaxsim.detect.layers import BatchNorm, FullyConnected, Linear
 from jaxsim.detect.sparse import Sites
@@ -207,9 +208,14 @@ def voxel_query(
     planes, rows, columns = sites.shape
     reach, count = config.reach, config.samples
     cell = cell_of(xyz, voxels, stride)
+    size = tuple(float(s * stride) for s in voxels.size_m)
+    lines = _rows_in_reach(reach, radius_m, size)
+    if native.takes(sites.key, xyz, cell):
+        at = native.Around(lines, reach, radius_m, size, voxels.range_m[:3])
+        index, found = native.query((sites.key, sites.shape), xyz, cell, count=count, at=at)
+        return index, found > 0
     x = cell[:, 2]
     left, right = jnp.maximum(x - reach, 0), jnp.minimum(x + reach, columns - 1)
-    size = tuple(float(s * stride) for s in voxels.size_m)
     slots = jnp.arange(count, dtype=jnp.int32)[None]
 
     def look(state: tuple[Array, Array], offset: Array) -> tuple[tuple[Array, Array], None]:
@@ -231,7 +237,7 @@ def voxel_query(
         return (neighbours, taken), None
 
     none = jnp.zeros((len(xyz), count), jnp.int32), jnp.zeros(len(xyz), jnp.int32)
-    (neighbours, taken), _ = jax.lax.scan(look, none, jnp.asarray(_rows_in_reach(reach, radius_m, size)))
+    (neighbours, taken), _ = jax.lax.scan(look, none, jnp.asarray(lines))
     return jnp.where(slots < taken[:, None], neighbours, neighbours[:, :1]), taken > 0
 
 

@@ -1,0 +1,112 @@
+"""Sparse convolution, its neighbour search and the query of sites around points in C++, which XLA calls on a CPU.
+
+XLA's own form, in sparse.py and roi_head.py, takes several times as long there. It stays the form of every other
+device, of float64, and of a CPU without a C++ compiler, and it is what this one is tested against. `build.form` says
+which is taken; JAXSIM_NATIVE=0 keeps XLA's. Programs choose when they are traced.
+
+build                                    compiles, keeps and loads it
+all.cc, of convolve.cc, tables.cc, query.cc and tasks.h
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxsim.detect.native.build import available
+from jaxsim.frame import Array
+
+Triple = tuple[int, int, int]
+"""Numbers of z, y, x."""
+Numbers = dict[str, Triple]
+"""`shape` and `out_shape` of the grids, `kernel`, `stride` and `padding`."""
+
+
+def takes(*operands: Array) -> bool:
+    """Whether a function of these arrays takes the C++ form when it is traced now."""
+    return all(one.dtype in (np.float32, np.int32) for one in operands) and available()
+
+
+def convolve(
+    features: Float[Array, "n c"], cells: Float[Array, "k c d"], table: Int[Array, "m k"]
+) -> Float[Array, "m d"]:
+    """For each output the sum over kernel cells of the row that the table names, times the cell's weights."""
+    return _call("convolve", _floats(len(table), cells.shape[-1]))(features, cells, table)
+
+
+def weight_gradient(
+    features: Float[Array, "n c"], change: Float[Array, "m d"], table: Int[Array, "m k"]
+) -> Float[Array, "k c d"]:
+    """Gradient of `convolve` for its weights, at this change of its outputs."""
+    shape = _floats(table.shape[1], features.shape[1], change.shape[1])
+    return _call("weight_gradient", shape)(features, change, table)
+
+
+def other_side(table: Int[Array, "m k"], n: int) -> Int[Array, "n k"]:
+    """For each of n inputs and each kernel cell the output that sees it; m where there is none."""
+    return _call("other_side", _integers(n, table.shape[1]))(table)
+
+
+def neighbours(inputs: Int[Array, " n"], outputs: Int[Array, " m"], numbers: Numbers) -> Int[Array, "m k"]:
+    """`sparse.neighbours` of these keys."""
+    shape = _integers(len(outputs), int(np.prod(numbers["kernel"])))
+    return _call("neighbours", shape)(inputs, outputs, **_attributes(numbers))
+
+
+def strided_sites(
+    inputs: Int[Array, " n"], capacity: int, numbers: Numbers
+) -> tuple[Int[Array, " capacity"], Int[Array, ""]]:
+    """Keys of `sparse.strided_sites`, and how many did not fit."""
+    return _call("strided_sites", (_integers(capacity), _integers()))(inputs, **_attributes(numbers))
+
+
+class Around(NamedTuple):
+    """Which cells a query looks at, and what is near."""
+
+    lines: Int[np.ndarray, "k 2"]
+    """dz and dy of the lines of cells, in their order."""
+    reach: int
+    """Cells to either side along them."""
+    radius_m: float
+    size_m: tuple[float, ...]
+    """Of a cell, x, y, z."""
+    low_m: tuple[float, ...]
+    """The grid's corner."""
+
+
+def query(
+    sites: tuple[Int[Array, " n"], Triple], xyz: Float[Array, "q 3"], cell: Int[Array, "q 3"], *, count: int, at: Around
+) -> tuple[Int[Array, "q s"], Int[Array, " q"]]:
+    """Rows of the first `count` sites (keys and grid) around points in cells (z, y, x), and how many there are.
+
+    Where there are fewer, the first stands again; where there is none, 0.
+    """
+    keys, shape = sites
+    attributes = {
+        "shape": np.array(shape, np.int64),
+        "lines": at.lines.astype(np.int64).reshape(-1),
+        "reach": np.int64(at.reach),
+        "radius_squared": np.float32(at.radius_m**2),
+        "size": np.array(at.size_m, np.float32),
+        "corner": np.array(at.low_m, np.float32),
+    }
+    return _call("query", (_integers(len(xyz), count), _integers(len(xyz))))(keys, xyz, cell, **attributes)
+
+
+def _call(name: str, result: Any) -> Any:
+    return jax.ffi.ffi_call(f"jaxsim_{name}", result, vmap_method="broadcast_all")
+
+
+def _floats(*shape: int) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(shape, np.float32)
+
+
+def _integers(*shape: int) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(shape, np.int32)
+
+
+def _attributes(numbers: Numbers) -> dict[str, np.ndarray]:
+    return {name: np.array(three, np.int64) for name, three in numbers.items()}

@@ -1,0 +1,5 @@
+// All of it as one source: XLA's headers take longer to compile than the rest, and so are read once.
+
+#include "convolve.cc"
+#include "query.cc"
+#include "tables.cc"
