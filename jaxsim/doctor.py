@@ -40,7 +40,7 @@ Lines = list[tuple[str, str]]
 def facts() -> Lines:
     """Versions, devices, the cache and the extras that are installed; nothing of them names a user's data."""
     needs, extras = requirements()
-    told = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *settings(), *cache()]
+    told = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *sparse_form(), *settings(), *cache()]
     return [*told, *installed_extras(extras)]
 
 
@@ -104,6 +104,16 @@ def devices() -> Lines:
         reason = (str(error).strip() or "its plugin is missing").splitlines()[0]
         return [("devices", f"none: JAX starts no device ({reason}); JAX_PLATFORMS=cpu needs none")]
     return [("devices", ", ".join(devices_here))]
+
+
+def sparse_form() -> Lines:
+    """Which form sparse convolutions take; it is compiled for that if it has not been."""
+    from jaxsim.detect.native.build import form  # waits, as above
+
+    try:
+        return [("sparse", form().replace(os.path.expanduser("~"), "~", 1))]
+    except (RuntimeError, AssertionError):  # no device starts, which `devices` has told
+        return [("sparse", "none: no device")]
 
 
 def settings() -> Lines:

@@ -158,3 +158,4 @@ def test_it_lowers_for_a_gpu_and_a_tpu(program: Callable[[], Program], monkeypat
     text = lowered.as_text()
     assert "mhlo.num_partitions" in text
     assert "__cpu$" not in text  # custom calls that only XLA's CPU knows
+    assert "@jaxsim_" not in text  # and ours

@@ -6,6 +6,7 @@ The quick form builds it, looks into it and tries what takes seconds; the slow f
 import importlib.util
 import os
 import re
+import shutil
 import site
 import subprocess
 import sys
@@ -21,6 +22,7 @@ import pytest
 import yaml
 
 from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.detect.native.build import COMPILERS
 from jaxsim.frame import PolarGrid, PolarImage
 from tests.programs import TINY
 
@@ -64,13 +66,13 @@ def work(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("work")
 
 
-def run(programs: Path, work: Path, program: str, *arguments: str) -> str:
-    """What a program of the new environment prints."""
+def run(programs: Path, work: Path, program: str, *arguments: str, **settings: str) -> str:
+    """What a program of the new environment prints, with these settings in its environment."""
     env = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
     result = subprocess.run(
         [str(programs / program), *arguments],
         cwd=work,
-        env={**env, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": ""},
+        env={**env, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": "", **settings},
         text=True,
         capture_output=True,
         timeout=1800,
@@ -88,6 +90,10 @@ def test_the_wheel_holds_experiments_sensor_types_and_licence_and_no_more_than_i
     for needed in ("config.json", "generator.npz", "SHA256SUMS", "card.md"):
         assert f"jaxsim/simulate/embedded/{needed}" in names
     assert "jaxsim/py.typed" in names
+    assert {
+        f"jaxsim/detect/native/{path.name}" for path in (ROOT / "jaxsim" / "detect" / "native").glob("*.[ch]*")
+    } < names
+    assert wheel.name.endswith("-py3-none-any.whl")  # what is compiled is compiled where it is used
     for template in ("page.html", "page.css", "parts.html", "cloud.js", "viewer.js"):
         assert f"jaxsim/report/templates/{template}" in names
     for experiment in ("synthetic", "demo", "embedded", "kitti_raw", "real2sim2real", "voxel_rcnn_small"):
@@ -122,6 +128,15 @@ def test_the_installed_package_is_tried_and_not_the_checkout(installed, work):
     file = run(installed, work, "python", "-c", "import jaxsim; print(jaxsim.__file__)").strip()
     assert Path(file).is_relative_to(installed.parent)
     assert "discover" in run(installed, work, "jaxsim", "--help")
+
+
+def test_sparse_convolutions_are_compiled_where_there_is_a_compiler_and_work_without(installed, work):
+    """Of what the wheel holds, in a process and a cache of its own."""
+    code = "from jaxsim.detect.native.build import form; print(form())"
+    if any(map(shutil.which, COMPILERS)):
+        assert run(installed, work, "python", "-c", code, XDG_CACHE_HOME=str(work)).startswith("C++ (")
+    without = run(installed, work, "python", "-c", code, XDG_CACHE_HOME=str(work), PATH=str(installed), CXX="")
+    assert without.startswith("XLA (no C++ compiler")
 
 
 def test_the_readmes_lines_make_a_cloud_at_once(installed, work):

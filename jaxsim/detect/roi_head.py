@@ -212,7 +212,7 @@ def voxel_query(
     lines = _rows_in_reach(reach, radius_m, size)
     if native.takes(sites.key, xyz, cell):
         at = native.Around(lines, reach, radius_m, size, voxels.range_m[:3])
-        index, found = native.query((sites.key, sites.shape), xyz, cell, count=count, at=at)
+        index, found = native.query((sites.key, sites.shape), xyz, cell, samples=count, at=at)
         return index, found > 0
     x = cell[:, 2]
     left, right = jnp.maximum(x - reach, 0), jnp.minimum(x + reach, columns - 1)

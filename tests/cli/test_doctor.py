@@ -22,11 +22,13 @@ def test_settings_are_told_where_no_device_starts(capsys, monkeypatch):
         raise RuntimeError("Unable to initialize backend 'tpu'\nand more")
 
     monkeypatch.setattr("jax.devices", none)
+    monkeypatch.setattr("jax.default_backend", none)
     monkeypatch.setenv("JAX_PLATFORMS", "tpu")
     Doctor(run=False)()
     told = dict(line.split(":", 1) for line in capsys.readouterr().out.splitlines())
     assert "none: JAX starts no device (Unable to initialize backend 'tpu'); JAX_PLATFORMS=cpu" in told["devices"]
     assert "JAX_PLATFORMS=tpu" in told["settings"]
+    assert told["sparse"].strip() == "none: no device"
 
 
 def test_the_sample_run_is_told_last(monkeypatch, capsys):

@@ -2,6 +2,7 @@
 
 import ctypes
 import shutil
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +38,9 @@ SHARES = (0.0, 0.02, 0.3, 1.0)
 CHANNELS = ((4, 16), (5, 7), (1, 1), (16, 32), (33, 20), (64, 64), (3, 135))
 
 
+pytestmark = pytest.mark.usefixtures("quick_compile")
+
+
 @pytest.fixture(autouse=True)
 def compiled():
     if not build.available():
@@ -44,14 +48,15 @@ def compiled():
 
 
 def both(monkeypatch, function, *arguments):
-    """The C++ form's answer and XLA's; programs of one function are traced once, so that each has its own."""
-    answers = []
+    """The C++ form as a compiled program, and XLA's; programs of one function are traced once: each has its own."""
+    programs = []
     for setting in ("1", "0"):
-        monkeypatch.setenv(build.SETTING, setting)
-        lowered = jax.jit(lambda *given: function(*given)).lower(*arguments)
+        with monkeypatch.context() as patch:
+            patch.setenv(build.SETTING, setting)
+            lowered = jax.jit(lambda *given: function(*given)).lower(*arguments)
         assert ("@jaxsim_" in lowered.as_text()) == (setting == "1")
-        answers.append(jax.device_get(lowered.compile()(*arguments)))
-    return answers
+        programs.append(lowered.compile())
+    return lambda *given: [jax.device_get(program(*given)) for program in programs]
 
 
 def same(answers, **tolerance):
@@ -64,10 +69,10 @@ def same(answers, **tolerance):
             np.testing.assert_array_equal(one, other)
 
 
-def sites_of(share, seed, capacity=None):
+def sites_of(share, seed, capacity=5050):
     """Sites of a share of the grid, and unused places."""
     keys = np.flatnonzero(np.random.default_rng(seed).random(cells(SHAPE)) < share).astype(np.int32)
-    padded = np.full(capacity or len(keys) + 5, cells(SHAPE), np.int32)
+    padded = np.full(capacity, cells(SHAPE), np.int32)
     padded[: len(keys)] = keys
     return Sites(jnp.asarray(padded), SHAPE)
 
@@ -82,43 +87,50 @@ def strided(sites, window, capacity):
 
 
 @pytest.mark.parametrize("window", WINDOWS)
-@pytest.mark.parametrize("share", SHARES)
-def test_strided_sites_and_tables_are_the_same(window, share, monkeypatch):
+def test_strided_sites_and_tables_are_the_same(window, monkeypatch):
+    """Where there is room for some of the outputs alone, too."""
     for capacity in (7, 6000):
-        same(both(monkeypatch, lambda sites, c=capacity: strided(sites, WINDOWS[window], c), sites_of(share, 1)))
+        answers = both(monkeypatch, lambda sites, c=capacity: strided(sites, WINDOWS[window], c), sites_of(0, 1))
+        for share in SHARES:
+            same(answers(sites_of(share, 1)))
 
 
-@pytest.mark.parametrize("share", SHARES)
-def test_submanifold_tables_are_the_same(share, monkeypatch):
-    same(both(monkeypatch, submanifold_tables, sites_of(share, 2)))
+def test_submanifold_tables_are_the_same(monkeypatch):
+    answers = both(monkeypatch, submanifold_tables, sites_of(0, 2))
+    for share in SHARES:
+        same(answers(sites_of(share, 2)))
+
+
+def with_gradients(tables):
+    """A convolution's values and gradients, as a function of features, weights, the values' change, and sites."""
+
+    def train(x, weights, change, sites):
+        y, back = jax.vjp(lambda x, w: sparse_conv(x, w, tables(sites)), x, weights)
+        return y, back(change)
+
+    return train
+
+
+def near(answers):
+    """The same but for rounding; sums over thousands of rows are as exact as their largest."""
+    largest = max(float(np.abs(leaf).max()) for leaf in jax.tree.leaves(answers[1]))
+    same(answers, rtol=2e-5, atol=5e-6 * max(largest, 1.0))
 
 
 @pytest.mark.parametrize("channels", CHANNELS)
 def test_values_and_gradients_are_the_same_for_any_channels(channels, monkeypatch):
     """Of 1500 sites, more than a task's rows, and a strided convolution's outputs, some of which have no room."""
     c, d = channels
-    sites, window = sites_of(0.3, 3), WINDOWS["halving"]
-    x, change = normal(4, len(sites.key), c), normal(5, 1100, d)
-
-    def train(x, weights, change, sites):
-        y, back = jax.vjp(lambda x, w: sparse_conv(x, w, strided(sites, window, 1100)[2]), x, weights)
-        return y, back(change)
-
-    answers = both(monkeypatch, train, x, normal(6, *CUBE, c, d), change, sites)
-    same(answers, rtol=2e-5, atol=2e-5 * float(np.abs(answers[1][1][1]).max()))
+    sites, room = sites_of(0.3, 3, 1600), 1100
+    given = normal(4, 1600, c), normal(6, *CUBE, c, d), normal(5, room, d), sites
+    near(both(monkeypatch, with_gradients(lambda s: strided(s, WINDOWS["halving"], room)[2]), *given)(*given))
 
 
-@pytest.mark.parametrize("share", SHARES)
-def test_values_and_gradients_are_the_same_for_any_share_of_sites(share, monkeypatch):
-    sites = sites_of(share, 7)
-    x, change = normal(8, len(sites.key), 16), normal(9, len(sites.key), 24)
-
-    def train(x, weights, change, sites):
-        y, back = jax.vjp(lambda x, w: sparse_conv(x, w, submanifold_tables(sites)), x, weights)
-        return y, back(change)
-
-    answers = both(monkeypatch, train, x, normal(10, *CUBE, 16, 24), change, sites)
-    same(answers, rtol=2e-5, atol=2e-5 * max(1.0, float(np.abs(answers[1][1][1]).max())))
+def test_values_and_gradients_are_the_same_for_any_share_of_sites(monkeypatch):
+    x, weights, change = normal(8, 5050, 16), normal(10, *CUBE, 16, 24), normal(9, 5050, 24)
+    answers = both(monkeypatch, with_gradients(submanifold_tables), x, weights, change, sites_of(0, 7))
+    for share in SHARES:
+        near(answers(x, weights, change, sites_of(share, 7)))
 
 
 def batch_of_three():
@@ -134,12 +146,13 @@ def batch_loss(x, weights, sites):
 
 def test_a_batch_is_its_samples(monkeypatch):
     sites, x, weights = batch_of_three()
-    gradient = jax.grad(lambda x, w, s: batch_loss(x, w, s).sum(), (0, 1))
-    answers = both(monkeypatch, lambda *given: (batch_loss(*given), gradient(*given)), x, weights, sites)
-    same(answers, rtol=1e-4, atol=1e-3)
-    alone = [batch_loss(x[k : k + 1], weights, jax.tree.map(lambda key, k=k: key[k : k + 1], sites)) for k in range(3)]
-    np.testing.assert_allclose(answers[0][0], np.concatenate(alone), rtol=1e-6)
-    assert answers[0][0][1] == 0
+    train = jax.value_and_grad(lambda *given: (batch_loss(*given).sum(), batch_loss(*given)), (0, 1), has_aux=True)
+    answers = both(monkeypatch, train, x, weights, sites)(x, weights, sites)
+    near(answers)
+    values, one = answers[0][0][1], jax.jit(batch_loss)
+    alone = [one(x[k : k + 1], weights, jax.tree.map(lambda key, k=k: key[k : k + 1], sites)) for k in range(3)]
+    np.testing.assert_allclose(values, np.concatenate(alone), rtol=1e-6)
+    assert values[1] == 0
 
 
 def test_a_batch_that_is_cut_over_devices_is_answered_on_each_for_its_part():
@@ -157,6 +170,14 @@ def test_a_batch_that_is_cut_over_devices_is_answered_on_each_for_its_part():
     np.testing.assert_allclose(program(x, jax.device_put(weights, whole), sites), one, rtol=1e-6)
 
 
+def test_batches_of_batches_are_their_samples():
+    sites, x, weights = batch_of_three()
+    twice = [jax.tree.map(lambda leaf: jnp.stack([leaf, leaf[::-1]]), given) for given in (x, sites)]
+    loss = jax.jit(jax.vmap(lambda x, sites: batch_loss(x, weights, sites)))(*twice)
+    one = jax.jit(batch_loss)(x, weights, sites)
+    np.testing.assert_allclose(loss, np.stack([one, one[::-1]]), rtol=1e-6)
+
+
 def test_an_answer_does_not_depend_on_chance():
     """Threads take their tasks as they come; sums keep their order."""
     sites, x, weights = batch_of_three()
@@ -166,21 +187,16 @@ def test_an_answer_does_not_depend_on_chance():
         jax.tree.map(np.testing.assert_array_equal, jax.device_get(train(x, weights)), first)
 
 
-@pytest.mark.parametrize("share", SHARES)
-def test_a_query_finds_the_same_sites(share, monkeypatch):
+def test_a_query_finds_the_same_sites(monkeypatch):
     voxels = VoxelConfig(range_m=(0, -2.1, -1.2, 8, 2.1, 1.2), size_m=(0.1, 0.1, 0.2))
-    sites = sites_of(share, 13)
     xyz = jnp.asarray(np.random.default_rng(14).uniform([-1, -3, -2], [9, 3, 2], (700, 3)), jnp.float32)
     for samples, reach, radius in ((6, 3, 0.4), (16, 4, 0.8), (1, 1, 2.0)):
-        config = RoiConfig(samples=samples, reach=reach)
-        found, none = both(
-            monkeypatch,
-            lambda s, p, c=config, r=radius: voxel_query(s, p, voxels, stride=2, radius_m=r, config=c),
-            sites,
-            xyz,
-        )
-        same((found, none))
-        assert found[1].any() == (share > 0)
+        at = {"stride": 2, "radius_m": radius, "config": RoiConfig(samples=samples, reach=reach)}
+        answers = both(monkeypatch, lambda s, p, at=at: voxel_query(s, p, voxels, **at), sites_of(0, 13), xyz)
+        for share in SHARES:
+            found = answers(sites_of(share, 13), xyz)
+            same(found)
+            assert found[0][1].any() == (share > 0)
 
 
 def test_float64_keeps_xlas_form(float64):
@@ -194,8 +210,7 @@ def test_float64_keeps_xlas_form(float64):
 def test_a_wrong_answer_is_found(monkeypatch, tmp_path):
     """A copy of the sources with a fault in each function is not taken for the form that it should be."""
     faults = {
-        "convolve.cc": [("for (int64_t i = 0; i < c; ++i) {\n    Vec w", "for (int64_t i = 0; i + 1 < c; ++i) {\n    Vec w"),
-                        ("for (int64_t slice = 1; slice < slices", "for (int64_t slice = 2; slice < slices")],
+        "convolve.cc": [("i < c; ++i) {\n    Vec w", "i + 1 < c; ++i) {\n    Vec w"), ("slice = 1;", "slice = 2;")],
         "tables.cc": [("std::min(x + kernel[2], shape[2])", "std::min(x + kernel[2], shape[2] - 1)")],
         "query.cc": [("right = std::min<int64_t>(cell[2] + reach,", "right = std::min<int64_t>(cell[2] + reach - 1,")],
     }  # fmt: skip
@@ -214,11 +229,17 @@ def test_a_wrong_answer_is_found(monkeypatch, tmp_path):
         target = jax.ffi.pycapsule(getattr(functions, f"jaxsim_{name}"))
         jax.ffi.register_ffi_target(f"jaxsim_wrong_{name}", target, platform="cpu")
     right = native._call
-    monkeypatch.setattr(native, "_call", lambda name, result: right(f"wrong_{name}", result))
-    for check in (
-        lambda: test_submanifold_tables_are_the_same(1.0, monkeypatch),
-        lambda: test_values_and_gradients_are_the_same_for_any_channels((4, 16), monkeypatch),
-        lambda: test_a_query_finds_the_same_sites(1.0, monkeypatch),
-    ):
-        with pytest.raises(AssertionError, match="Not equal|Mismatch"):
-            check()
+    checks = {
+        "neighbours": test_submanifold_tables_are_the_same,
+        "convolve": partial(test_values_and_gradients_are_the_same_for_any_channels, (4, 16)),
+        "weight_gradient": partial(test_values_and_gradients_are_the_same_for_any_channels, (4, 16)),
+        "query": test_a_query_finds_the_same_sites,
+    }
+    for faulty, check in checks.items():
+
+        def call(name, *given, faulty=faulty, **more):
+            return right(f"wrong_{name}" if name == faulty else name, *given, **more)
+
+        monkeypatch.setattr(native, "_call", call)
+        with pytest.raises(AssertionError, match="Mismatched elements"):
+            check(monkeypatch)

@@ -55,8 +55,6 @@ def _loaded() -> str:
         for name in FUNCTIONS:
             target = f"jaxsim_{name}"
             jax.ffi.register_ffi_target(target, jax.ffi.pycapsule(getattr(functions, target)), platform="cpu")
-            # A batch that is cut over devices is answered on each for its part.
-            jax.ffi.register_ffi_target_as_batch_partitionable(target)
     except (OSError, AttributeError, subprocess.SubprocessError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         _log.warning(
