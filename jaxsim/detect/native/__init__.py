@@ -1,8 +1,8 @@
 """Sparse convolution, its neighbour search and the query of sites around points in C++, which XLA calls on a CPU.
 
-XLA's own form, in sparse.py and roi_head.py, takes several times as long there. It stays the form of every other
-device, of float64, and of a CPU without a C++ compiler, and it is what this one is tested against. `build.form` says
-which is taken; JAXSIM_NATIVE=0 keeps XLA's. Programs choose when they are traced.
+XLA's own form, in `detect.sparse` and `detect.roi_head`, takes several times as long there. It stays the form of every
+other device, of float64, and of a CPU without a C++ compiler, and it is what this one is tested against. `build.form`
+says which is taken; JAXSIM_NATIVE=0 keeps XLA's. Programs choose when they are traced.
 
 build                                    compiles, keeps and loads it
 all.cc, of convolve.cc, tables.cc, query.cc and tasks.h

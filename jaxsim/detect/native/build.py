@@ -15,10 +15,10 @@ import shutil
 import subprocess
 import tempfile
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
 import jax
-import jaxlib
 
 from jaxsim.compilation import cache_folder
 
@@ -103,7 +103,7 @@ def find_compiler() -> str:
 def name_of(compiler: str) -> str:
     """A name of all that the library depends on: sources, XLA's headers, compiler, flags, what the processor knows."""
     sources = [path.read_text() for path in sorted(SOURCE.parent.iterdir()) if path.suffix in (".cc", ".h")]
-    parts = [*sources, jaxlib.__version__, _run([compiler, "--version"]).stdout, *FLAGS, *_processor()]
+    parts = [*sources, version("jaxlib"), _run([compiler, "--version"]).stdout, *FLAGS, *_processor()]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
 
