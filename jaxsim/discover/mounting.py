@@ -67,7 +67,7 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     if registered.early_or_late:
         # Frames' own places hold what the mounting is off by as well.
         moved, told = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
-        again = replace(comparison, scan=moved, told=told, cast_again=True, other_moments=True)
+        again = replace(comparison, scan=moved, told=told, between_unknown=True, other_moments=True)
         return Mounting((), again, known)
     # A mounting is that of all frames: what acts in a part of them alone stays with what else is known.
     given = {name for name, _ in known.effects} - {*known.regions}
@@ -83,7 +83,7 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     moved, told = seen_from(scan, motion)
     # Lifted beams meet the steps to their sides where they were.
     aside = set(motion) != {"beam_elevation_error"}
-    return Mounting(named, replace(comparison, scan=moved, told=told, cast_again=aside), rest)
+    return Mounting(named, replace(comparison, scan=moved, told=told, between_unknown=aside), rest)
 
 
 def place_alike(comparison: Comparison, mounting: Mounting, known: SensorModel = NOTHING_YET) -> Comparison:

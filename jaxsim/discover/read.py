@@ -65,9 +65,9 @@ class Comparison:
     """The sensor's motion from where the simulator has it."""
     speeds: dict[str, float] | None = None
     """Speed of each scene, m/s, where they are not given and the frames tell them."""
-    cast_again: bool = False
-    """Whether the simulated frames were cast again from elsewhere: what lies between the surfaces of two rays of a row
-    is not known."""
+    between_unknown: bool = False
+    """Whether it is not known what lies between the surfaces of two rays of a row, for the simulated frames were cast
+    again from aside."""
     told: Bool[np.ndarray, "f r n"] | None = None
     """Rays of frames that were cast again of which the simulated frames tell anything; others count on neither side.
     None where all do."""
@@ -248,7 +248,7 @@ class Division:
     rays: Cast
     """Rays of all blocks, traced once."""
     parts: Split
-    cast_again: bool = False
+    between_unknown: bool = False
     """As in `Comparison`."""
     names: tuple[str, ...] = ()
     """Of the frames."""
@@ -287,7 +287,7 @@ class Division:
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
         rays = cast(scan, chosen.frame, chosen.column)
         parts = parts or split_scenes(chosen.scene)
-        return cls(scan, given, simulator, measured, chosen, rays, parts, comparison.cast_again, comparison.names)
+        return cls(scan, given, simulator, measured, chosen, rays, parts, comparison.between_unknown, comparison.names)
 
     def evidence(
         self, names: Sequence[str], known: SensorModel = NOTHING_YET
@@ -309,7 +309,7 @@ class Division:
             rays=self.rays.part(keep),
             simulator=self.simulator,
         )
-        if self.cast_again:
+        if self.between_unknown:
             between = get_effect("mixed_pixels")
             ev = replace(ev, rays=between.apply({"probability": np.float32(UNKNOWN_BETWEEN)}, ev.rays))
         return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects or known.learned else ev), scene

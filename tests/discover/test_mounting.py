@@ -87,7 +87,9 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
     assert asked == ["lift"]
     assert finer.effects == one.effects
     assert finer.comparison.registration.motion[LIFT] == pytest.approx(coarse.motion[LIFT] - 3e-4, abs=1e-7)
-    assert finer.comparison.cast_again
+    assert finer.comparison.told is not None
+    # Steps to the sides are where they were.
+    assert not finer.comparison.between_unknown
     turned = place_mounting(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
     assert refine_lift(given, turned, null, known=NOTHING_YET) is turned
 
