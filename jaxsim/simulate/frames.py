@@ -57,9 +57,14 @@ def simulate_batch(
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
     # Views come from files: what is timed is the simulation.
     begun = time.monotonic()
-    key = jnp.stack([*keys, *[keys[-1]] * (size - len(keys))]) if keys else None
+    key = _filled(keys, size) if keys else None
     image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key, grain=grain))
     return image, painted, time.monotonic() - begun
+
+
+def _filled(keys: Sequence[Array], size: int) -> Array:
+    """The keys of a batch (size,), its last one for what fills it up."""
+    return jnp.stack([*keys, *[keys[-1]] * (size - len(keys))])
 
 
 def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:

@@ -182,7 +182,7 @@ def simulate(
         says = Prediction(quantiles[..., QUANTILES.index(0.5)], ~image.valid, quantiles, lost)
         key = jax.random.fold_in(jax.random.key(seed), k)
         even = None if grain is None else ranks_of_fields(grain, surfaces_in(image), key)
-        pictures.append(np.asarray(drawn(says, key, None if even is None else Ranks(even, even))))
+        pictures.append(jax.device_get(drawn(says, key, None if even is None else Ranks(even, even))))
     return pictures
 
 
