@@ -40,8 +40,6 @@ UNITS = {
     "range": "mean absolute error, m",
     "drop": "log loss of return, nats a ray",
 }
-CLIP_M = 1.0
-"""Error of a range that counts at most: a reading of another surface is as wrong as any."""
 STEPS = 20
 """Steps of both regressions: either has long converged by then."""
 Design = Float[np.ndarray, "n k"]
@@ -109,7 +107,7 @@ def _errors(
     lost = jnp.clip(lost, -30.0, -1e-7)
     miss = -jnp.where(ev.returned, jnp.log(-jnp.expm1(lost)), lost)
     # A ray that met another surface is wrong, and not by how far the other stands.
-    wrong = jnp.minimum(jnp.abs(off_r), CLIP_M)
+    wrong = jnp.minimum(jnp.abs(off_r), RULES.most_off_m)
     pairs = ((jnp.abs(off_i), ev.compared), (wrong, smooth), (miss, rays.hit))
     sums = [jnp.where(counts, x, 0).sum((1, 2)) for x, counts in pairs]
     counts = [counts.sum((1, 2)).astype(jnp.float32) for _, counts in pairs]

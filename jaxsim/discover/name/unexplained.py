@@ -18,7 +18,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import fold_half_width
+from jaxsim.discover.scenes import attainable, fold_half_width
 from jaxsim.discover.verdict import Unexplained
 
 READ = {
@@ -60,9 +60,7 @@ def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
 
 def sure(curve: Candidate) -> bool:
     """Whether the scenes agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
-    # Of few scenes not even perfect agreement falls below the level: then all must agree.
-    least = 2 * 2.0 ** -len(curve.by_scene)
-    return curve.chance <= max(RULES.curve_level, 1.01 * least) or curve.sudden
+    return curve.chance <= attainable(RULES.curve_level, len(curve.by_scene), tests=2) or curve.sudden
 
 
 def _varies(problem: Problem, covariate: str) -> bool:

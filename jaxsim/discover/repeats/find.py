@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Num
 
 from jaxsim.discover.repeats.maps import Maps, PatternMap, PatternScale, scales
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import jackknife_half_width, p_value, signs_of
+from jaxsim.discover.scenes import attainable, jackknife_half_width, p_value, signs_of
 from jaxsim.discover.verdict import Interval, Repeat
 
 CHUNK = 256
@@ -251,7 +251,7 @@ def _interval(value: float, without: Float[np.ndarray, " n"], channel: str) -> I
 
 def convincing(p_judge: float, judges: int) -> bool:
     """Whether judge scenes show the pattern again, with the same sign and phase; of few scenes all must."""
-    return p_judge <= max(RULES.repeats_judge_level, 1.01 * 2.0**-judges)
+    return p_judge <= attainable(RULES.repeats_judge_level, judges)
 
 
 def repeat_of(

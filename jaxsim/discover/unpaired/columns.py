@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS, Effect
 from jaxsim.effects.learned import hats
@@ -51,8 +52,6 @@ FREE = 1e-4
 """Precision of the size of a start's column: next to free."""
 PATCH_M = 4.0
 """Size of the cells of ground over which surfaces have a level of their own."""
-KNOTS = 10
-"""Knots of a free curve."""
 
 
 def untold(*, classes: bool) -> tuple[str, ...]:
@@ -163,8 +162,8 @@ def each(parts: np.ndarray, of: np.ndarray) -> Float[np.ndarray, "n k"]:
 def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
     """0 ground, 1 upright, 2 other, by height and normal."""
     # rise: vertical part of the normal, 1 on level ground and 0 on walls.
-    ground = (comparison.rise > 0.7) & (comparison.height_m < 0.4)
-    return np.where(ground, 0, np.where(comparison.rise < 0.5, 1, 2))
+    ground = (comparison.rise > RULES.unpaired_ground_rise) & (comparison.height_m < RULES.unpaired_ground_m)
+    return np.where(ground, 0, np.where(comparison.rise < RULES.unpaired_upright_rise, 1, 2))
 
 
 def ray_classes(comparison: UnpairedComparison) -> np.ndarray:
@@ -214,9 +213,9 @@ def curve_columns(comparison: UnpairedComparison) -> dict[str, Float[np.ndarray,
     """Free curves of the measured side along the covariates that both sides have."""
     r = comparison.rays
     curves = {
-        "range": curve(np.log(r.range_m), KNOTS),
-        "incidence": curve(r.incidence_rad, KNOTS),
-        "azimuth": curve(r.azimuth_rad, KNOTS),
+        "range": curve(np.log(r.range_m), RULES.knots),
+        "incidence": curve(r.incidence_rad, RULES.knots),
+        "azimuth": curve(r.azimuth_rad, RULES.knots),
         "row": one_hot(r.row, np.arange(comparison.rows)),
     }
     return {**curves, "class": one_hot(ray_classes(comparison))} if comparison.shared_classes else curves
