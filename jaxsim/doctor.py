@@ -40,7 +40,7 @@ Lines = list[tuple[str, str]]
 def facts() -> Lines:
     """Versions, devices, the cache and the extras that are installed; nothing of them names a user's data."""
     needs, extras = requirements()
-    told = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *sparse_form(), *settings(), *cache()]
+    told = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *sparse_form(), *environment_settings(), *cache()]
     return [*told, *installed_extras(extras)]
 
 
@@ -116,7 +116,7 @@ def sparse_form() -> Lines:
         return [("sparse", "none: no device")]
 
 
-def settings() -> Lines:
+def environment_settings() -> Lines:
     """What the environment sets of JAX and of jaxsim; of most use where no device starts."""
     given = [name for name in os.environ if name.startswith(("JAX_", "XLA_", "CUDA_VISIBLE", "JAXSIM_"))]
     return [("settings", ", ".join(f"{name}={os.environ[name]}" for name in sorted(given)) or "none")]

@@ -21,6 +21,10 @@ from jaxsim.files import array_names, check_size, parse_json, placed, read_array
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
 _Network = TypeVar("_Network")
+Values = dict[str, Any]
+"""A network's parameters and statistics: nested dicts by published names."""
+RUNNING = ("running_mean", "running_var")
+"""What PyTorch calls the statistics that a batch norm keeps."""
 ABOUT = "about"
 AGAIN = "convert or copy it again"
 MOST_BYTES = 2**30

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.data.cityscapes import IDS
 from jaxsim.files import check_keys, real
+from jaxsim.frame import CLASSES
 from jaxsim.geometry.points import FAR_M
 
 SEE = "`jaxsim discover --help` tells the format"
-CLASSES = len(IDS)
 LOW_ORIGIN_M = 10.0
 """Beams' origins lie within this of the cloud's: more is millimetres."""
 
@@ -23,7 +22,7 @@ ABOUT = ("scene", "time", "speed", "heading", "tags")
 LATEST_S = 1e10
 """Seconds since 1970 in the year 2286: a time beyond is in another unit."""
 """What grid.json may say of a frame."""
-WHOLE = ("semantic", "instance")
+ID_RASTERS = ("semantic", "instance")
 """Rasters of ids."""
 FASTEST_MPS = 150.0
 """No car that carries a LiDAR drives faster: 540 km/h."""
@@ -152,7 +151,7 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             f"polar frames: {path}: intensity spans {span_in_words(intensity)}; it must lie in 0..1 "
             "(divide by your sensor's scale; 0 where nothing returned)"
         )
-    for name in [name for name in WHOLE if name in arrays]:
+    for name in [name for name in ID_RASTERS if name in arrays]:
         if not np.isfinite(arrays[name]).all() or (arrays[name] != np.round(arrays[name])).any():
             raise ValueError(
                 f"polar frames: {path}: {name} spans {span_in_words(arrays[name])}; it must hold whole numbers (ids)"

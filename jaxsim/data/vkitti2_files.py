@@ -43,8 +43,8 @@ CLASSES: dict[str, str] = {name: of_cityscapes for name, (of_cityscapes, _) in _
 """Class of colors.txt -> class of Cityscapes. The paper does not give its mapping."""
 COLOURS: dict[str, tuple[int, int, int]] = {name: rgb for name, (_, rgb) in _CATEGORIES.items()}
 """What colors.txt says where it is left out of a copy; some scenes' omit Undefined."""
-KINDS = ("Car", "Van", "Truck")
-COLUMNS = {
+OBJECT_KINDS = ("Car", "Van", "Truck")
+HEADERS = {
     "colors": "Category r g b",
     "info": "trackID label model color",
     "intrinsic": "frame cameraID K[0,0] K[1,1] K[0,2] K[1,2]",
@@ -55,7 +55,7 @@ COLUMNS = {
     "camera_space_Z rotation_camera_space_y rotation_camera_space_x rotation_camera_space_z",
 }
 """Header line of each text file."""
-FARTHEST = 65535
+SATURATED = 65535
 """The value that depth saturates to: sky, and whatever is 655.35 m away or more."""
 MOST = 1e6
 """No number of its texts is beyond it, be it metres or pixels of an object."""
@@ -105,7 +105,7 @@ def read_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "
             f"vkitti2: {path}: depth is 0 in {int((image == 0).sum())} pixels; there it is in centimetres and never 0 "
             "(65535 in the sky): is this KITTI's encoding (metres * 256, 0 = none)?"
         )
-    return image.astype(np.float32) / 100, image < FARTHEST
+    return image.astype(np.float32) / 100, image < SATURATED
 
 
 def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> _Raster:
@@ -207,8 +207,10 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
     """Vehicles by (frame, camera), the hidden and the far ones too, from pose.txt, bbox.txt and info.txt."""
     kinds = {}
     for line, (track, label, *_) in _rows(folder / "info.txt", "info"):
-        if label not in KINDS:
-            raise ValueError(f"vkitti2: {folder / 'info.txt'}, line {line}: unknown label {label!r}; known: {KINDS}")
+        if label not in OBJECT_KINDS:
+            raise ValueError(
+                f"vkitti2: {folder / 'info.txt'}, line {line}: unknown label {label!r}; known: {OBJECT_KINDS}"
+            )
         (key,) = _numbers(folder / "info.txt", line, [track], kind=int)
         _add(kinds, key, label, path=folder / "info.txt", line=line)
     boxes = {}
@@ -271,13 +273,13 @@ def _read(path: Path) -> np.ndarray:
 
 
 def _rows(path: Path, kind: str) -> list[tuple[int, list[str]]]:
-    """Numbered lines below the header. Raises ValueError where the columns are not those of COLUMNS."""
+    """Numbered lines below the header. Raises ValueError where the columns are not those of HEADERS."""
     if not path.is_file():
         raise ValueError(f"vkitti2: there is no {path}; copy it from the archive vkitti_2.0.3_textgt")
     header, *lines = read_text(path, by="vkitti2").splitlines() or [""]
-    wanted = COLUMNS[kind].split()
+    wanted = HEADERS[kind].split()
     if header.split()[:1] != wanted[:1] or len(header.split()) != len(wanted):
-        raise ValueError(f"vkitti2: {path} begins with {header[:60]!r}; its header is {COLUMNS[kind]!r}")
+        raise ValueError(f"vkitti2: {path} begins with {header[:60]!r}; its header is {HEADERS[kind]!r}")
     rows = [(place, line.split()) for place, line in enumerate(lines, 2) if line.strip()]
     for place, row in rows:
         if len(row) != len(wanted):

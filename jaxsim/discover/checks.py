@@ -22,7 +22,7 @@ from jaxsim.geometry import grid_difference
 
 _Sides = tuple[Mapping[str, PolarImage], Mapping[str, PolarImage]]
 """Simulated and measured frames by name."""
-RAYS = 2000
+RAYS_OF_FRAME = 2000
 """Rays looked at in each frame."""
 OTHERS = 64
 """Other frames with which each is compared."""
@@ -174,7 +174,7 @@ def check_pairs(
     that differ by a factor, hardly a common return, too few rays that agree, or partners that fit each other's
     partner better. Where a common motion of the sensor makes the ranges agree (`registered`), they show one street."""
     # Every so manieth ray: shares of thousands of rays are known to a percent.
-    stride = max(1, simulated[0].range_m.size // RAYS)
+    stride = max(1, simulated[0].range_m.size // RAYS_OF_FRAME)
     ours, hit = _thinned(simulated, stride)
     theirs, back = _thinned(measured, stride)
     both = hit & back & (ours > 0) & (theirs > 0)

@@ -35,7 +35,7 @@ from jaxsim.discover.verdict import Gained, Gap, Interval
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.frame import Array
 
-UNITS = {
+MEASURES = {
     "intensity": "mean absolute error of ln I",
     "range": "mean absolute error, m",
     "drop": "log loss of return, nats a ray",
@@ -51,7 +51,7 @@ class Distance:
     """The distance of each judge scene (s) in each channel."""
 
     error: Float[np.ndarray, "s 3"]
-    """Mean errors in UNITS; NaN where nothing is compared."""
+    """Mean errors in MEASURES; NaN where nothing is compared."""
     log_likelihood: Float[np.ndarray, "s 3"]
     """Nats."""
 
@@ -61,7 +61,7 @@ class BlockDistances:
     """What each block (b) adds to its scene's distance."""
 
     error: Float[np.ndarray, "b 3 2"]
-    """Sums of errors in UNITS, and counts of rays."""
+    """Sums of errors in MEASURES, and counts of rays."""
     log_likelihood: Float[np.ndarray, "b 3"]
     """Nats."""
 
@@ -132,7 +132,7 @@ def gaps(before: Distance, after: Distance, *, placebo: Distance, floor: Distanc
             after.error[:, k],
             placebo=placebo.error[:, k],
             floor=floor.error[:, k],
-            unit=UNITS[name],
+            unit=MEASURES[name],
             gained=gained,
         )
     return result

@@ -31,9 +31,9 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.edits import displace
 from jaxsim.effects.rays import Scan
 
-SD = np.append(POSE_SD, POSE_SD[-1])
+POSE_AND_LIFT_SD = np.append(POSE_SD, POSE_SD[-1])
 """Standard deviations of a frame's own pose and lift of beams, m and rad."""
-LIFTED = Law(
+LIFT_OF_ALL = Law(
     name="lift",
     parameters={"error_rad": Parameter(0.0, -0.01, 0.01, "rad", "of all beams alike", scale=0.0014)},
     channels=("range", "intensity", "drop"),
@@ -100,9 +100,9 @@ def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, kn
     registered = comparison.registration
     if registered is None or "beam_elevation_error" not in mounting.effects:
         return mounting
-    refit = fit(LIFTED, null, null.ev.all_blocks)
+    refit = fit(LIFT_OF_ALL, null, null.ev.all_blocks)
     by = np.zeros(len(registered.motion))
-    by[LIFT] = float(to_values(LIFTED, refit.z)["error_rad"])
+    by[LIFT] = float(to_values(LIFT_OF_ALL, refit.z)["error_rad"])
     finer = replace(registered, motion=registered.motion + by, frames=registered.frames + by)
     return place_mounting(replace(comparison, registration=finer), mounting.effects, known)
 
@@ -211,7 +211,7 @@ def gains(
         judged = list(names[::3])
         find = [name for name in names if name not in judged]
     # In standard deviations of what a frame's own pose may be off by, so that squares are nats.
-    z = motion[:, part] / SD[part]
+    z = motion[:, part] / POSE_AND_LIFT_SD[part]
 
     def gain(scene: str, others: Sequence[str]) -> float:
         poses = z[names == scene]

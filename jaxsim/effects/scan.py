@@ -12,13 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.effects.edits import wrapped
-from jaxsim.effects.effect import CLASSES
 from jaxsim.effects.places import on_turn, spans_turn
 from jaxsim.effects.rays import Scan
-from jaxsim.frame import Array, PolarGrid, PolarImage
+from jaxsim.frame import CLASSES, Array, PolarGrid, PolarImage
 from jaxsim.geometry import incidence
 
-BRIGHT = 0.9
+BLOOMS_FROM = 0.9
 """Intensity from which a surface blooms."""
 SIGN = 20
 """Cityscapes id of traffic signs."""
@@ -106,7 +105,7 @@ def _frame(grid: PolarGrid, image: PolarImage, more: Mapping[str, np.ndarray], *
             f"0..{CLASSES - 1}, 0 where the class is not known"
         )
     # A renderer that has no retroreflection still knows which surfaces are signs.
-    glare_m, glare_rad = nearest_glare(grid, range_m, hit & ((intensity >= BRIGHT) | (semantic == SIGN)))
+    glare_m, glare_rad = nearest_glare(grid, range_m, hit & ((intensity >= BLOOMS_FROM) | (semantic == SIGN)))
     return {
         "range_m": range_m,
         "hit": hit,

@@ -15,16 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.frame import Array
+from jaxsim.frame import CLASSES, Array
 
 RANGE_EDGES_M = (5.0, 8.0, 12.0, 18.0, 26.0, 38.0, 55.0)
 INCIDENCE_EDGES_RAD = tuple(float(x) for x in np.deg2rad((15.0, 30.0, 45.0, 60.0, 70.0, 78.0, 84.0)))
-CLASSES = 34
 STEPS = 101
 """Intensity 0, 0.01, ..., 1: KITTI's own steps."""
 FEWEST = 50
 """Rays that a bin needs on both sides to be compared."""
-AXES = {"class": (0,), "range": (1,), "incidence": (2,), "all": (0, 1, 2)}
+CONDITIONS = {"class": (0,), "range": (1,), "incidence": (2,), "all": (0, 1, 2)}
 """What intensity is conditioned on -> axes of the table that are kept."""
 
 
@@ -100,7 +99,7 @@ def conditional_intensity(
     if not (a.sum() and b.sum()):
         raise ValueError("conditional: a set has no returns")
     distances = {"intensity": _compared(a.reshape(-1, STEPS).sum(0)[None], b.reshape(-1, STEPS).sum(0)[None])}
-    for name, axes in AXES.items():
+    for name, axes in CONDITIONS.items():
         if name == "class" and not classes:
             continue
         others = tuple(axis for axis in range(3) if axis not in axes)

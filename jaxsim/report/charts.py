@@ -21,7 +21,7 @@ ANCHORS = np.array(
     [(5, 48, 97), (67, 147, 195), (209, 229, 240), (250, 250, 250), (253, 219, 199), (214, 96, 77), (103, 0, 31)], float
 )
 """Blue - white - red, of even steps in lightness: ColorBrewer's RdBu, safe for colour-blind eyes."""
-NOTHING = (176, 176, 176)
+NO_VALUE = (176, 176, 176)
 MAP_WIDTH = 400
 MOST_LINES = 200
 """Points of a chart that are told as a table, too."""
@@ -34,7 +34,7 @@ def diverging(value: Map, limit: float) -> Rgb:
     share = np.clip(np.nan_to_num(value) / limit, -1, 1) * 0.5 + 0.5
     anchors = np.linspace(0, 1, len(ANCHORS))
     rgb = np.stack([np.interp(share, anchors, ANCHORS[:, k]) for k in range(3)], axis=-1)
-    return np.where(np.isfinite(value)[..., None], np.round(rgb), NOTHING).astype(np.uint8)
+    return np.where(np.isfinite(value)[..., None], np.round(rgb), NO_VALUE).astype(np.uint8)
 
 
 def ticks(low: Length, high: Length, count: int = 5, *, whole: bool = False) -> list[float]:

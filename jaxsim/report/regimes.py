@@ -14,7 +14,7 @@ from markupsafe import Markup
 from jaxsim.discover.verdict import JudgeFrame, Regime
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, ClickTarget
 from jaxsim.report.charts import Coordinate, label, ticks, x_axis
-from jaxsim.report.page import NOTHING, DrawChart, below, code, file_name, join_parts, key, paragraph, section, table
+from jaxsim.report.page import EMPTY, DrawChart, below, code, file_name, join_parts, key, paragraph, section, table
 from jaxsim.report.words import number, part_of, percent, probability, span
 
 LEFT = 72
@@ -23,7 +23,7 @@ TOP = 30
 BOTTOM = 148
 MARK = 5.0
 """Half the width of a judge frame's mark, pixels."""
-MOST = 2.5
+MOST_SIZE = 2.5
 """Size that the axis reaches at most: a scene that tells little may ask for any."""
 
 
@@ -31,7 +31,7 @@ def regimes(acting: Sequence[Regime], draw: DrawChart, *, frames: Sequence[Judge
     """Each effect that acts in a part alone: where, how large there and outside, and a strip along what divides.
     `frames` are those that the page shows ray by ray."""
     if not acting:
-        return NOTHING
+        return EMPTY
     rows = [
         [
             code(one.effect),
@@ -99,7 +99,7 @@ def strip_chart(one: Regime, *, place: int = 0, frames: Sequence[JudgeFrame] = (
     regimes; moments that `frames` lie nearest to, and sectors, answer to a click."""
     around = one.divides == "azimuth"
     x = np.rad2deg(one.x) if around else np.array(one.x, float)
-    size = np.clip(np.array(one.sizes, float), -MOST + 1, MOST)
+    size = np.clip(np.array(one.sizes, float), -MOST_SIZE + 1, MOST_SIZE)
     known = np.isfinite(size)
     if not known.any():
         return None

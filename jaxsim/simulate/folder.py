@@ -87,7 +87,7 @@ OF_NETWORK = 1
 """Tells a frame's draws by the network from those of its effects."""
 
 
-class Batch(NamedTuple):
+class FrameBatch(NamedTuple):
     """Frames that are simulated together, by their places in the data set."""
 
     positions: tuple[int, ...]
@@ -125,15 +125,15 @@ class FrameMaker:
     """Frames simulated at once: fewer are filled up, so that one compiled program serves all."""
     draw: Draw | None = None
 
-    def __call__(self, chosen: Batch) -> Made:
+    def __call__(self, chosen: FrameBatch) -> Made:
         frames = self.read(chosen)
         return self.write(chosen, frames, self.simulate(chosen, frames))
 
-    def read(self, chosen: Batch) -> list[Frame]:
+    def read(self, chosen: FrameBatch) -> list[Frame]:
         """The frames of a batch."""
         return [self.dataset[position] for position in chosen.positions]
 
-    def simulate(self, chosen: Batch, frames: Sequence[Frame]) -> Simulated:
+    def simulate(self, chosen: FrameBatch, frames: Sequence[Frame]) -> Simulated:
         """What the network says of them."""
         of_network = [jax.random.fold_in(key, OF_NETWORK) for key in self.keys(chosen)] if self.draws else []
         how = {"projection": self.projection, "grain": self.grain}
@@ -146,12 +146,12 @@ class FrameMaker:
             return data
         return f"{data}, drawn" + (f", grain {self.grain.fingerprint}" if self.grain else "")
 
-    def keys(self, chosen: Batch) -> list[Array]:
+    def keys(self, chosen: FrameBatch) -> list[Array]:
         """What leaves a frame to chance, one a frame."""
         # By the frame's place, not its turn: a resumed folder, or one made by several, draws the same.
         return [jax.random.fold_in(jax.random.key(self.seed), position) for position in chosen.positions]
 
-    def write(self, chosen: Batch, frames: Sequence[Frame], simulated: Simulated) -> Made:
+    def write(self, chosen: FrameBatch, frames: Sequence[Frame], simulated: Simulated) -> Made:
         """Puts the effects on them, and writes their files."""
         images, painted, seconds = simulated
         keys = self.keys(chosen)
@@ -172,7 +172,7 @@ class FrameMaker:
         return Made({frame.name: about_frame(frame.scene, **motion_of(frame)) for frame in frames}, seconds)
 
 
-Spread = Callable[[Sequence[Batch]], Iterator[Made]]
+Spread = Callable[[Sequence[FrameBatch]], Iterator[Made]]
 
 
 def simulate_folder(
@@ -215,7 +215,7 @@ def simulate_folder(
     already = len(positions) - len(missing)
     drawn = frozenset(missing[: max(previews - already, 0)])
     batches = [
-        Batch(tuple(chosen), drawn & {*chosen}, first_s)
+        FrameBatch(tuple(chosen), drawn & {*chosen}, first_s)
         for chosen in (missing[first : first + maker.batch] for first in range(0, len(missing), maker.batch))
     ]
     batches_s = []
@@ -234,7 +234,7 @@ def data_words(source: DataConfig, projection: Projection = "lidar") -> str:
     return ", ".join([source.kind, *unlike])
 
 
-def _overlapped(maker: FrameMaker, batches: Sequence[Batch]) -> Iterator[Made]:
+def _overlapped(maker: FrameMaker, batches: Sequence[FrameBatch]) -> Iterator[Made]:
     """What became of each batch, in their order: while one is simulated the next is read, and the last is written."""
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         read = zip(batches, prefetch(reader, maker.read, batches), strict=True)

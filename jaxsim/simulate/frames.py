@@ -24,7 +24,7 @@ from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.grain import Grain
-from jaxsim.simulate.predict import Window, check_image
+from jaxsim.simulate.predict import NetworkWindow, check_image
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 
 BATCH = 8
@@ -165,7 +165,7 @@ def check_motion(
         )
 
 
-def measured_in(window: Window, frame: Frame, *, lines: int) -> PolarImage:
+def measured_in(window: NetworkWindow, frame: Frame, *, lines: int) -> PolarImage:
     """The frame's own scan on a run's window (host memory); `lines` are all those of the sensor.
 
     Raises ValueError where the cloud has no laser lines.

@@ -32,12 +32,12 @@ FILE = "grain.json"
 """In a run's folder."""
 BROKEN_M = 1e3
 """Bend between cells of which one has no range: nothing that heeds edges goes on there."""
-CLASSES = 256
+FIELD_CLASSES = 256
 INSIDE = 1e-6
 """Ranks stay so far from 0 and 1, which single precision would round them to."""
 OFF = 1e-3
 """By how much shares may miss a sum of 1: digits of a file."""
-Rays = Float[Array, "rows columns"]
+Cells = Float[Array, "rows columns"]
 
 
 @dataclass(frozen=True)
@@ -99,12 +99,12 @@ class Ranks:
 
 
 @struct.dataclass
-class Surfaces:
+class Breaks:
     """What breaks fields: how the range bends from cell to cell, and where classes change."""
 
-    across_m: Rays
+    across_m: Cells
     """Bend between a cell and the one before it in its row; of the first column BROKEN_M."""
-    down_m: Rays
+    down_m: Cells
     """Between a cell and the one above; of the first row BROKEN_M."""
     new_across: Bool[Array, "rows columns"]
     """The cell is not of the label of the one before it."""
@@ -114,23 +114,23 @@ class Surfaces:
 
 
 @jax.jit
-def surfaces_of(
-    range_m: Rays,
+def breaks_of(
+    range_m: Cells,
     valid: Bool[Array, "rows columns"],
     *,
     kind: Int[Array, "rows columns"],
     thing: Int[Array, "rows columns"],
-) -> Surfaces:
+) -> Breaks:
     """Where the surfaces of a range image end. `kind` is each cell's class and `thing` its object, 0 where they are
     not known; `valid` is where the range is known."""
     across_m, new_across = _border(range_m, valid, label=(kind, thing))
     down_m, new_down = _border(range_m.T, valid.T, label=(kind.T, thing.T))
-    return Surfaces(across_m, down_m.T, new_across, new_down.T, jnp.clip(kind, 0, CLASSES - 1))
+    return Breaks(across_m, down_m.T, new_across, new_down.T, jnp.clip(kind, 0, FIELD_CLASSES - 1))
 
 
 def _border(
-    range_m: Rays, valid: Bool[Array, "rows columns"], *, label: tuple[Array, Array]
-) -> tuple[Rays, Bool[Array, "rows columns"]]:
+    range_m: Cells, valid: Bool[Array, "rows columns"], *, label: tuple[Array, Array]
+) -> tuple[Cells, Bool[Array, "rows columns"]]:
     """Bend between each cell and the one before it in its row, and where the label changes between them."""
     one = jnp.ones((), range_m.dtype)
     # Of a plane the inverse range is a sine of the ray's angle, whose second difference is nothing beside an edge's.
@@ -153,20 +153,20 @@ def _border(
 
 @jax.jit
 def draw_field(
-    on: Surfaces,
+    on: Breaks,
     key: Array,
     *,
     columns: Float[Array, ""],
     rows: Float[Array, ""],
     edge_m: Float[Array, ""],
-) -> Rays:
+) -> Cells:
     """One draw of a field of these lengths, cells; every cell of it is standard normal."""
     kept_across = jnp.where(on.new_across, 0.0, jnp.exp(-1 / columns - on.across_m / edge_m))
     kept_down = jnp.where(on.new_down, 0.0, jnp.exp(-1 / rows - on.down_m / edge_m))
     return _kept(_kept(jax.random.normal(key, on.kind.shape), kept_across, axis=1), kept_down, axis=0)
 
 
-def _kept(new: Rays, keep: Rays, *, axis: int) -> Rays:
+def _kept(new: Cells, keep: Cells, *, axis: int) -> Cells:
     """z[i] = keep[i] z[i - 1] + sqrt(1 - keep[i]^2) new[i], which is standard normal where `new` is and its cells along
     `axis` have nothing to do with each other."""
 
@@ -176,12 +176,12 @@ def _kept(new: Rays, keep: Rays, *, axis: int) -> Rays:
     return jax.lax.associative_scan(join, (keep, jnp.sqrt(1 - keep * keep) * new), axis=axis)[1]
 
 
-def drawn_of(field: Field, on: Surfaces, key: Array) -> Rays:
+def drawn_of(field: Field, on: Breaks, key: Array) -> Cells:
     """One draw of a field; every cell of it is standard normal."""
     if field.single:
         return jax.random.normal(key, on.kind.shape)
     if field.columns is None or field.rows is None:
-        return jax.random.normal(key, (CLASSES,))[on.kind]
+        return jax.random.normal(key, (FIELD_CLASSES,))[on.kind]
     lengths = {"columns": field.columns, "rows": field.rows, "edge_m": field.edge_m or jnp.inf}
     return draw_field(on, key, **{name: jnp.float32(length) for name, length in lengths.items()})
 
@@ -195,7 +195,7 @@ def draw_ranks(grain: Grain, painted: Painted, key: Array, *, stays: Array | Non
     if key.ndim:
         one = lambda view, of, kept: draw_ranks(grain, view, of, stays=kept)  # noqa: E731
         return jax.vmap(one)(painted, key, stays)
-    on = surfaces_of(painted.range_m, painted.valid, kind=painted.semantic, thing=painted.instance)
+    on = breaks_of(painted.range_m, painted.valid, kind=painted.semantic, thing=painted.instance)
     of = {"key": jax.random.split(key), "stays": jax.random.split(key if stays is None else stays)}
     return Ranks(
         ranks_of_fields(grain.intensity, on, of["key"][0], stays=of["stays"][0]),
@@ -203,7 +203,7 @@ def draw_ranks(grain: Grain, painted: Painted, key: Array, *, stays: Array | Non
     )
 
 
-def ranks_of_fields(fields: Sequence[Field], on: Surfaces, key: Array, *, stays: Array | None = None) -> Rays:
+def ranks_of_fields(fields: Sequence[Field], on: Breaks, key: Array, *, stays: Array | None = None) -> Cells:
     """Ranks 0..1 of one draw, each of them evenly distributed; `stays` as in `draw_ranks`."""
     of_surface = key if stays is None else stays
     total = jnp.zeros(on.kind.shape)

@@ -26,7 +26,7 @@ from scipy.stats import norm
 from jaxsim.config import QUANTILES
 from jaxsim.frame import Pair
 from jaxsim.progress import Progress
-from jaxsim.simulate.grain import Field, Grain, Surfaces, drawn_of, surfaces_of
+from jaxsim.simulate.grain import Breaks, Field, Grain, breaks_of, drawn_of
 from jaxsim.simulate.predict import STEP, Prediction
 
 LAGS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -34,14 +34,14 @@ LAGS = (1, 2, 4, 8, 16, 32, 64, 128)
 BENDS_M = (0.05, 0.5)
 """Pairs of cells are compared by the greatest bend of the range between them: below the first, the second, or beyond.
 Also the edges that fields heed."""
-LENGTHS = (1.0, 4.0, 16.0, 64.0)
+FIELD_LENGTHS = (1.0, 4.0, 16.0, 64.0)
 """Of fields, in columns."""
 ROWS_A_COLUMN = (0.25, 1.0)
 """Their lengths in rows: on the ground cells a row apart lie farther from each other than cells a column apart."""
 CANDIDATES = (
     Field(1.0),
     Field(1.0, None, None),
-    *(Field(1.0, n, n * ratio, edge) for n in LENGTHS for ratio in ROWS_A_COLUMN for edge in (*BENDS_M, None)),
+    *(Field(1.0, n, n * ratio, edge) for n in FIELD_LENGTHS for ratio in ROWS_A_COLUMN for edge in (*BENDS_M, None)),
 )
 OUTER = 0.002
 """Ranks are told from here to as far below 1."""
@@ -58,10 +58,10 @@ FRAMES = 32
 
 
 @dataclass(frozen=True)
-class Scan:
+class GrainScan:
     """A measured frame beside what a network says of it."""
 
-    on: Surfaces
+    on: Breaks
     looked: Bool[np.ndarray, "rows columns"]
     """Cells of which the network says anything."""
     back: Bool[np.ndarray, "rows columns"]
@@ -84,7 +84,7 @@ def learn_grain(
     return Grain(fit_intensity(scans), fit_drop(scans), tuple(looked_at))
 
 
-def _scan(says: Prediction, pair: Pair) -> Scan:
+def _scan(says: Prediction, pair: Pair) -> GrainScan:
     if says.quantiles is None or says.drop_share is None:
         raise ValueError(
             "grain: this run's network gives one intensity a cell, no distribution to draw from; train one with "
@@ -94,26 +94,26 @@ def _scan(says: Prediction, pair: Pair) -> Scan:
     looked = np.asarray(seen.valid)
     # A ray that reports 0 counts as lost, as in training.
     back = np.asarray(pair.measured.valid) & (value >= STEP / 2)
-    on = surfaces_of(seen.range_m, seen.valid, kind=seen.semantic, thing=seen.instance)
-    return Scan(on, looked, back, value, np.asarray(says.quantiles), np.asarray(says.drop_share))
+    on = breaks_of(seen.range_m, seen.valid, kind=seen.semantic, thing=seen.instance)
+    return GrainScan(on, looked, back, value, np.asarray(says.quantiles), np.asarray(says.drop_share))
 
 
-def fit_intensity(scans: Iterable[Scan]) -> tuple[Field, ...]:
+def fit_intensity(scans: Iterable[GrainScan]) -> tuple[Field, ...]:
     """Fields of the intensities. Raises ValueError where too few cells came back to tell."""
-    sums = Sums()
+    sums = ProductSums()
     for k, scan in enumerate(scans):
         z = norm.ppf(ranks_of(scan.intensity, scan.quantiles))
-        pairs = Pairs(scan.on, scan.looked & scan.back)
+        pairs = CellPairs(scan.on, scan.looked & scan.back)
         sums.add(pairs, np.stack([pairs.of(z), *pairs.sums(z**2)]), k=k)
     # A network may be too sure, here or there: alike is what cells are beside how far they miss at all.
     return sums.shares(lambda means: means[0] / np.sqrt(np.maximum(means[1] * means[2], 1e-9)))
 
 
-def fit_drop(scans: Iterable[Scan]) -> tuple[Field, ...]:
+def fit_drop(scans: Iterable[GrainScan]) -> tuple[Field, ...]:
     """Fields of the drops. Raises ValueError where too few cells are known to tell."""
-    sums = Sums()
+    sums = ProductSums()
     for k, scan in enumerate(scans):
-        pairs = Pairs(scan.on, scan.looked)
+        pairs = CellPairs(scan.on, scan.looked)
         share = np.clip(scan.drop_share.astype(float), 1e-4, 1 - 1e-4)
         missed = ~scan.back - share
         each = [*pairs.sums(missed), *pairs.sums(missed**2), *pairs.sums(share * (1 - share))]
@@ -134,10 +134,10 @@ def ranks_of(
     return np.clip(rank, OUTER, 1 - OUTER)
 
 
-class Pairs:
+class CellPairs:
     """Pairs of known cells of one frame, by direction, distance and what lies between them (a bin each)."""
 
-    def __init__(self, on: Surfaces, known: Bool[np.ndarray, "rows columns"]):
+    def __init__(self, on: Breaks, known: Bool[np.ndarray, "rows columns"]):
         self.on, self.known = on, known
         cell = np.arange(known.size).reshape(known.shape)
         self.cells: list[tuple[np.ndarray, np.ndarray]] = []
@@ -169,7 +169,7 @@ class Pairs:
         return np.array([float(len(one)) for one, _ in self.cells])
 
 
-class Sums:
+class ProductSums:
     """Sums of products over frames, of what was measured and of draws of each candidate on the same cells."""
 
     def __init__(self) -> None:
@@ -178,7 +178,7 @@ class Sums:
         self.measured = np.zeros(1)
         self.drawn = np.zeros((len(CANDIDATES), bins))
 
-    def add(self, pairs: Pairs, measured: Float[np.ndarray, "n bins"], *, k: int) -> None:
+    def add(self, pairs: CellPairs, measured: Float[np.ndarray, "n bins"], *, k: int) -> None:
         """Adds those of frame k."""
         self.pairs = self.pairs + pairs.count
         self.measured = self.measured + measured

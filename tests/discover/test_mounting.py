@@ -9,7 +9,7 @@ import pytest
 from jaxsim.discover import mounting
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.mounting import LIFTED, gains, named_mounting, place_mounting, refine_lift, registered_of
+from jaxsim.discover.mounting import LIFT_OF_ALL, gains, named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.read import NOTHING_YET, Comparison
 from jaxsim.discover.register.registration import LIFT, PARTS
 from jaxsim.discover.scenes import split_scenes
@@ -95,7 +95,7 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
 def test_all_beams_are_lifted_alike():
     scan = comparison(np.zeros(6)).scan
     rays = all_rays(scan)
-    one = LIFTED.apply({"error_rad": np.float32(0.002)}, rays)
+    one = LIFT_OF_ALL.apply({"error_rad": np.float32(0.002)}, rays)
     beams = EFFECTS["beam_elevation_error"].apply({"error_rad": np.full(24, 0.002, np.float32)}, rays)
     np.testing.assert_allclose(one.turned_rad, beams.turned_rad, atol=1e-9)
 

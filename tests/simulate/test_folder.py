@@ -8,7 +8,7 @@ from jaxsim.config import DataConfig
 from jaxsim.effects.chain import SensorModel
 from jaxsim.geometry import full_grid, preset
 from jaxsim.simulate.folder import (
-    Batch,
+    FrameBatch,
     FrameMaker,
     Made,
     Speed,
@@ -91,7 +91,7 @@ class Noting(FrameMaker):
         return Made({str(chosen.positions[0]): {}}, simulated[2])
 
 
-BATCHES = [Batch((k,), frozenset(), 0.0) for k in range(4)]
+BATCHES = [FrameBatch((k,), frozenset(), 0.0) for k in range(4)]
 
 
 def test_batches_come_in_their_order_each_read_once_and_written_once():

@@ -59,7 +59,7 @@ NORMALS_SD = 1.0
 follows."""
 GAIN_PRECISION = 1e-6
 """1 / variance of ln of the overall gain: any gain is possible."""
-GROUND = (6, 7, 8, 9, 10)
+FLAT = (6, 7, 8, 9, 10)
 """Cityscapes ids of flat surfaces, whose normals a range image gives best."""
 TERRAIN = (22,)
 """Cityscapes ids of ground that rolls."""
@@ -355,7 +355,7 @@ def angle_scores(
     returns, semantic = np.asarray(hit), np.asarray(semantic)
     borders = np.arange(0, np.pi / 2 + STEP_RAD, STEP_RAD)
     middle = (borders[1:] + borders[:-1]) / 2
-    ground, terrain = np.isin(semantic, GROUND), np.isin(semantic, TERRAIN)
+    ground, terrain = np.isin(semantic, FLAT), np.isin(semantic, TERRAIN)
     for kind in (ground, terrain, ~ground & ~terrain):
         for row in range(given.shape[1]):
             of, angle = kind[:, row], given[:, row]
@@ -374,7 +374,7 @@ def _features(
     seen = jnp.minimum(rays.incidence_rad, RULES.compared_below_rad)
     # Held within 1.5 nats: near grazing incidence ln cos runs away from small differences of angle.
     disagreement = jnp.clip(jnp.log(jnp.cos(seen)) - jnp.log(jnp.cos(given)), -1.5, 1.5)
-    ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))
+    ground = jnp.isin(rays.semantic, jnp.asarray(FLAT))
     terrain = jnp.isin(rays.semantic, jnp.asarray(TERRAIN))
     # Apart, since a range image gives the normals of ground better than those of hedges.
     disagreements = [jnp.where(kind, disagreement, 0) for kind in (ground, terrain, ~ground & ~terrain)]

@@ -21,7 +21,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import attainable, fold_half_width
 from jaxsim.discover.verdict import Unexplained
 
-READ = {
+X_WORDS = {
     "range": "ln of range in m",
     "power": "ln of power",
     "intensity": "ln of intensity",
@@ -69,7 +69,7 @@ def _varies(problem: Problem, covariate: str) -> bool:
     return len(np.unique(values_of(covariate, rays, np.asarray(rays.hit)))) > 2
 
 
-def describe(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
+def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
     """The curve over its covariate, its character, and a closed formula that comes near it."""
     rays = problem.ev.rays
     hit = np.asarray(rays.hit)
@@ -84,7 +84,7 @@ def describe(problem: Problem, dependence: Dependence, candidate: Candidate) -> 
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
     character, formula = shape_of(grid, y, weight, dependence=dependence)
     name = NAMED.get(dependence.covariate, dependence.covariate)
-    formula += f" (x: {READ.get(dependence.covariate, dependence.covariate)})"
+    formula += f" (x: {X_WORDS.get(dependence.covariate, dependence.covariate)})"
     return Unexplained(
         channel=dependence.channel,
         covariate=name,

@@ -22,11 +22,11 @@ from jaxsim.discover.verdict import Interval, Repeat
 
 CHUNK = 256
 """Choices of signs that are looked at together."""
-UNITS = {"intensity": "nats", "range": "m", "drop": "share of rays"}
+HEIGHT_UNITS = {"intensity": "nats", "range": "m", "drop": "share of rays"}
 """Units of a pattern's height."""
 LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "Δ p(drop)"}
 """What a formula says of each channel."""
-LEAST = {
+LEAST_HEIGHT = {
     "intensity": RULES.repeats_least_nats,
     "range": RULES.repeats_least_m,
     "drop": RULES.repeats_least_lost,
@@ -123,7 +123,7 @@ def find_repeats(
     *,
     bins: int,
     rounds: int = RULES.repeats_tried,
-    least: Mapping[str, float] = LEAST,
+    least: Mapping[str, float] = LEAST_HEIGHT,
 ) -> tuple[FoundPattern, ...]:
     """Patterns that scenes where `finding` share, and the others confirm, most certain first; each is looked for with
     the ones before taken out, and the chance of having looked at all scales, places and channels is paid for.
@@ -246,7 +246,7 @@ def common_size(maps: Maps, scale: PatternScale, channel: str) -> Interval:
 def _interval(value: float, without: Float[np.ndarray, " n"], channel: str) -> Interval:
     """The interval by what the value becomes `without` each of the scenes, widened as parameters' intervals are."""
     half = RULES.interval_widening * jackknife_half_width(without)
-    return Interval(float(value), float(value) - half, float(value) + half, UNITS[channel])
+    return Interval(float(value), float(value) - half, float(value) + half, HEIGHT_UNITS[channel])
 
 
 def convincing(p_judge: float, judges: int) -> bool:

@@ -46,9 +46,9 @@ OF_LOSS = ("random_dropout", "sector_occlusion", "packet_loss")
 """Functions of row and azimuth alone: a ray that is lost has no range."""
 OF_READINGS = ("intensity_quantization", "range_quantization")
 """Read off the values themselves."""
-STEP = 0.25
+DERIVATIVE_STEP = 0.25
 """Part of a parameter's scale over which derivatives are taken."""
-FREE = 1e-4
+FREE_PRECISION = 1e-4
 """Precision of the size of a start's column: next to free."""
 PATCH_M = 4.0
 """Size of the cells of ground over which surfaces have a level of their own."""
@@ -106,7 +106,7 @@ def columns_of(effect: Effect, change: _Change, row: Int[np.ndarray, " n"], *, r
         of_rows = [name for name, p in fitted_parameters(effect).items() if p.shape == "row"]
         of_beams = derivatives(effect, start, change, row=row, rows=rows, names=of_rows)
         columns = np.concatenate([change(start)[:, None].astype(np.float32), of_beams.columns], axis=1)
-        result.append(Columns(effect, start, columns, np.concatenate([[FREE], of_beams.precision]), 1))
+        result.append(Columns(effect, start, columns, np.concatenate([[FREE_PRECISION], of_beams.precision]), 1))
     return result
 
 
@@ -129,7 +129,7 @@ def derivatives(
             continue
         now = np.asarray(values.get(name, p.neutral), float)
         # One-sided, and towards the inside at the upper bound: beyond a bound an effect need not make sense.
-        step = STEP * p.scale * np.where(now + STEP * p.scale > p.high, -1, 1)
+        step = DERIVATIVE_STEP * p.scale * np.where(now + DERIVATIVE_STEP * p.scale > p.high, -1, 1)
         # Per typical size of the parameter, so that one prior serves them all.
         slope = (change({**values, name: now + step}) - unchanged) / (step[row] if step.ndim else step) * p.scale
         if p.shape == "row":

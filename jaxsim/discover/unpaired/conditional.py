@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.model.evidence import CLASS_SD
 from jaxsim.discover.unpaired.columns import (
     OF_CLASSES,
     OF_INTENSITY,
@@ -46,8 +47,6 @@ PATCH_SD = 0.25
 SCENE_SD = (0.3, 0.2, 0.3, 0.1)
 """Standard deviations of a scene's level, and of its slopes over ln r, incidence (rad) and height (m), for each kind of
 surface."""
-CLASS_SD = 0.3
-"""Standard deviation of a class's reflectance about the simulator's, nats."""
 CURVATURE_SD = 0.003
 """Standard deviation of the coefficient of 0.5 sec(incidence)**2, which noise on normals leaves."""
 CURVE_SD = 0.15

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.geometry.boxes import DIFFICULTIES
 from jaxsim.metrics.detection.files import Objects, read_detections, read_truth
 from jaxsim.metrics.detection.matching import (
     CLASSES,
-    COLUMNS,
-    DIFFICULTIES,
     METRICS,
     OVERLAP_SETS,
+    PRINTED_COLUMNS,
     SLOTS,
     MatchingRules,
     Pairs,
@@ -42,10 +42,10 @@ from jaxsim.metrics.detection.matching import (
 
 __all__ = [
     "CLASSES",
-    "COLUMNS",
     "DIFFICULTIES",
     "METRICS",
     "OVERLAP_SETS",
+    "PRINTED_COLUMNS",
     "Curve",
     "MatchingRules",
     "Objects",
