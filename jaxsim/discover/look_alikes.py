@@ -130,11 +130,11 @@ def _difference(after: dict[str, Array], before: dict[str, Array], rays: Rays) -
     return jnp.stack(parts)
 
 
-def _imitated(other: Effect, own: np.ndarray, rays: Rays, *, scan: Scan) -> np.ndarray:
+def _imitated(other: Effect, changed: np.ndarray, rays: Rays, *, scan: Scan) -> np.ndarray:
     """The change by `other` that is nearest to the own one, by least squares within its bounds."""
     rows = scan.range_m.shape[1]
     restore = restorer(to_z(other, {}, rows))
-    target = jax.device_put(own.astype(np.float32))
+    target = jax.device_put(changed.astype(np.float32))
 
     def slope(x: Float[np.ndarray, " n"]) -> tuple[tuple[Array, Array], dict[str, Array]]:
         return _slope(restore(x), target, rays, effect=other, scan=scan)

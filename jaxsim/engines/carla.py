@@ -84,13 +84,13 @@ def losses(answer: FittedSensor, now: Mapping[str, float], *, rate: float) -> li
         reach, why_reach = faint.reach, faint.why
     if faint.general is not None:
         even = combined(even, faint.general, how=any_loss)
-    found = [Setting(name, value, "", faint.why) for name, value in faint.drop_off.items()]
+    attributes = [Setting(name, value, "", faint.why) for name, value in faint.drop_off.items()]
     if even is not None:
         value = even.mapped(lambda p: any_loss((now["dropoff_general_rate"], p)))
-        found.insert(0, Setting("dropoff_general_rate", value, "", "rays lost, every ray alike"))
+        attributes.insert(0, Setting("dropoff_general_rate", value, "", "rays lost, every ray alike"))
     if reach is not None:
-        found.append(Setting("range", reach, "m", why_reach))
-    return found
+        attributes.append(Setting("range", reach, "m", why_reach))
+    return attributes
 
 
 class Faint(NamedTuple):

@@ -126,9 +126,9 @@ def _entry(file: Path) -> Entry:
     return Entry(name, str(arrays["scene"]), window, f"{file.parent.name}/{file.stem}")
 
 
-def _whole(file: Path, kept: dict[str, Any], wanted: Collection[str]) -> dict[str, Any]:
-    if missing := [name for name in wanted if name not in kept]:
+def _whole(file: Path, arrays: dict[str, Any], wanted: Collection[str]) -> dict[str, Any]:
+    if missing := [name for name in wanted if name not in arrays]:
         raise ValueError(f"prepared: {file} is damaged: it lacks {', '.join(missing)}; {AGAIN}")
     with placed(f"prepared: {file} is damaged", then=AGAIN):
-        check_example(kept)
-    return kept
+        check_example(arrays)
+    return arrays

@@ -141,9 +141,9 @@ def _shapes() -> dict[str, tuple[int, ...]]:
     channels = 3
     for block, places in enumerate(BLOCKS):
         width = min(64 * 2**block, 512)
-        for place in places:
-            shapes[f"features.{place}.weight"] = (width, channels, 3, 3)
-            shapes[f"features.{place}.bias"] = (width,)
+        for layer in places:
+            shapes[f"features.{layer}.weight"] = (width, channels, 3, 3)
+            shapes[f"features.{layer}.bias"] = (width,)
             channels = width
     return shapes
 
@@ -192,9 +192,9 @@ def vgg_features(
     for block, places in enumerate(BLOCKS):
         if block:
             x = jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
-        for i, place in enumerate(places):
-            kernel = jnp.asarray(weights[f"features.{place}.weight"], x.dtype)
-            bias = jnp.asarray(weights[f"features.{place}.bias"], x.dtype)
+        for i, layer in enumerate(places):
+            kernel = jnp.asarray(weights[f"features.{layer}.weight"], x.dtype)
+            bias = jnp.asarray(weights[f"features.{layer}.bias"], x.dtype)
             x = conv2d(x, kernel, padding="zero") + bias[None, None, None]
             x = jax.nn.relu(x)
             if i == 0:

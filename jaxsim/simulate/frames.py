@@ -170,12 +170,12 @@ def measured_in(window: NetworkWindow, frame: Frame, *, lines: int) -> PolarImag
 
     Raises ValueError where the cloud has no laser lines.
     """
-    grid, place = window
+    grid, row_share = window
     if frame.cloud is None:
         raise ValueError(f"{frame.name}: no LiDAR measured it; hold the run against a data set that has scans")
     if frame.cloud.row is None:
         raise ValueError(f"{frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows)")
-    return scan_on_window(frame.cloud, grid, place, lines=lines)
+    return scan_on_window(frame.cloud, grid, row_share, lines=lines)
 
 
 def comparable(measured: PolarImage, seen: Array) -> PolarImage:

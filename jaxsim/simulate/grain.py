@@ -193,7 +193,7 @@ def draw_ranks(grain: Grain, painted: Painted, key: Array, *, stays: Array | Non
     same surfaces.
     """
     if key.ndim:
-        one = lambda view, of, kept: draw_ranks(grain, view, of, stays=kept)  # noqa: E731
+        one = lambda view, of, stays: draw_ranks(grain, view, of, stays=stays)  # noqa: E731
         return jax.vmap(one)(painted, key, stays)
     on = breaks_of(painted.range_m, painted.valid, kind=painted.semantic, thing=painted.instance)
     of = {"key": jax.random.split(key), "stays": jax.random.split(key if stays is None else stays)}
@@ -208,8 +208,8 @@ def ranks_of_fields(fields: Sequence[Field], on: Breaks, key: Array, *, stays: A
     of_surface = key if stays is None else stays
     total = jnp.zeros(on.kind.shape)
     for k, field in enumerate(fields):
-        own = jax.random.fold_in(key if field.single else of_surface, k)
-        total = total + jnp.sqrt(jnp.float32(field.share)) * drawn_of(field, on, own)
+        field_key = jax.random.fold_in(key if field.single else of_surface, k)
+        total = total + jnp.sqrt(jnp.float32(field.share)) * drawn_of(field, on, field_key)
     # Of a file's digits the shares may sum to a little more or less than 1.
     total = total / jnp.sqrt(jnp.float32(sum(field.share for field in fields)))
     return jnp.clip(jax.scipy.stats.norm.cdf(total), INSIDE, 1 - INSIDE)

@@ -145,11 +145,11 @@ class CellPairs:
         for axis in (0, 1):
             bend = np.moveaxis(np.asarray(bends[axis][0]), axis, 0)
             new = np.moveaxis(np.asarray(bends[axis][1]), axis, 0)
-            index, there = np.moveaxis(cell, axis, 0), np.moveaxis(known, axis, 0)
+            index, known_along = np.moveaxis(cell, axis, 0), np.moveaxis(known, axis, 0)
             # So many cells from the first on begin anew by a bend of that size, or by another label.
             passed = [np.cumsum((bend >= least) | new, axis=0) for least in BENDS_M]
             for lag in LAGS:
-                both = there[:-lag] & there[lag:]
+                both = known_along[:-lag] & known_along[lag:]
                 held = [(count[lag:] == count[:-lag])[both] for count in passed]
                 for chosen in (held[0], held[1] & ~held[0], ~held[1]):
                     self.cells.append((index[:-lag][both][chosen], index[lag:][both][chosen]))
@@ -198,10 +198,10 @@ class ProductSums:
         # A cell is one with itself: the shares sum to 1, a condition of great weight.
         heavy = 1e3 * weight.sum()
         design = np.concatenate([fields * weight[:, None], np.full((1, len(CANDIDATES)), heavy)])
-        found, _ = nnls(design, np.append(seen * weight, heavy))
-        found = np.where(found < LEAST, 0, found)
-        found = np.round(found / found.sum(), 4)
-        shared = zip(CANDIDATES, found.tolist(), strict=True)
+        shares, _ = nnls(design, np.append(seen * weight, heavy))
+        shares = np.where(shares < LEAST, 0, shares)
+        shares = np.round(shares / shares.sum(), 4)
+        shared = zip(CANDIDATES, shares.tolist(), strict=True)
         return tuple(replace(field, share=share) for field, share in shared if share)
 
 

@@ -266,16 +266,18 @@ def _carla_items(path: Path, options: LogOptions) -> Iterator[Item]:
     if options.meta or len(places) < 2 or (path / "attributes.json").is_file():
         yield from _items(_RAW, read_carla, "carla")(places[0].parent if places and path.is_dir() else path, options)
         return
-    first, *others = [(place, _carla_spec(_attributes(place), place)) for place in places]
-    for place, spec in others:
+    first, *others = [
+        (attributes_file, _carla_spec(_attributes(attributes_file), attributes_file)) for attributes_file in places
+    ]
+    for attributes_file, spec in others:
         if spec != first[1]:
             raise ValueError(
-                f"carla: {first[0]} and {place} are of different sensors (channels, field of view, points a turn, "
-                "range); write each sensor to a folder of its own"
+                f"carla: {first[0]} and {attributes_file} are of different sensors (channels, field of view, points a "
+                "turn, range); write each sensor to a folder of its own"
             )
-    for place in places:
-        for file in files_in(place.parent, *_RAW):
-            name = f"{place.parent.name}_{file.stem}"
+    for attributes_file in places:
+        for file in files_in(attributes_file.parent, *_RAW):
+            name = f"{attributes_file.parent.name}_{file.stem}"
             yield Item(name, lambda file=file, name=name: replace(read_carla(file, options), name=name))
 
 

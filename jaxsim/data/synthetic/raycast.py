@@ -196,14 +196,14 @@ def _span(
     Rays that miss it enter at SKY_M and leave at -SKY_M. `weight` of the third axis: 1 for a ball, 0 for a cylinder.
     """
 
-    def own(v: Float[Array, "3 ..."], *, shift: bool) -> list:
+    def in_frame(v: Float[Array, "3 ..."], *, shift: bool) -> list:
         rows = []
         for i in range(3):
             a, b, c, d = jnp.unstack(conic[:, i, :, None], axis=1)
             rows.append(a * v[0] + b * v[1] + c * v[2] + (d if shift else 0.0))
         return rows
 
-    q, p = own(origin, shift=True), own(direction, shift=False)
+    q, p = in_frame(origin, shift=True), in_frame(direction, shift=False)
     # Seen from the point of closest approach, nothing large cancels: a thin pole 60 m away needs that in float32.
     length2 = jnp.maximum(p[0] * p[0] + p[1] * p[1] + weight * p[2] * p[2], 1e-12)
     middle = -(q[0] * p[0] + q[1] * p[1] + weight * q[2] * p[2]) / length2
@@ -265,11 +265,11 @@ def enter_crown(
 
 def _round_normal(solids: Solids, conic: Int[Array, "h w"], at: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
     rows = solids.conics.reshape(-1, 12)[conic]
-    own = [sum(rows[..., 4 * i + j] * at[j] for j in range(3)) + rows[..., 4 * i + 3] for i in range(3)]
+    local = [sum(rows[..., 4 * i + j] * at[j] for j in range(3)) + rows[..., 4 * i + 3] for i in range(3)]
     # The quadric's gradient in its own frame is the place itself, without z on a cylinder; A^T takes it to `world`.
     ball = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])[conic]
-    cap = (ball < 0.5) & (jnp.abs(own[2]) > 0.999)
-    weight = [jnp.where(cap, 0.0, own[0]), jnp.where(cap, 0.0, own[1]), jnp.where(cap, own[2], ball * own[2])]
+    cap = (ball < 0.5) & (jnp.abs(local[2]) > 0.999)
+    weight = [jnp.where(cap, 0.0, local[0]), jnp.where(cap, 0.0, local[1]), jnp.where(cap, local[2], ball * local[2])]
     return unit_vector(vector(*(sum(rows[..., 4 * i + j] * weight[i] for i in range(3)) for j in range(3))))
 
 

@@ -220,5 +220,5 @@ def _parameter(law: ClosedLaw, name: str) -> str:
     # The gain takes a level of intensities up; a place of a step has no derivative.
     fitted = not (name == "edge" or (name == "level" and law.channel == "intensity"))
     numbers = ", ".join(f"{number:.6g}" for number in bounds)
-    more = "" if fitted else ", fitted=False"
-    return f"        {name!r}: Parameter({numbers}, {one.unit!r}, {meaning!r}, scale={scale:.6g}{more}),"
+    not_fitted = "" if fitted else ", fitted=False"
+    return f"        {name!r}: Parameter({numbers}, {one.unit!r}, {meaning!r}, scale={scale:.6g}{not_fitted}),"

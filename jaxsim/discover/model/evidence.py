@@ -238,7 +238,7 @@ def gather(
         darkest=np.float32(RULES.compared_steps * step),
         cut=_cut_off(values, valid, surfaces),
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
-        own=at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
+        per_ray=at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
         kinds=kinds.share,
         kind_names=kinds.names,
         scenes=int(scene.max()) + 1,
@@ -259,7 +259,7 @@ def _gather(
     darkest: Float[Array, ""],
     cut: Bool[Array, "#b #c #r"],
     lowest: Float[Array, ""],
-    own: AtRays,
+    per_ray: AtRays,
     kinds: Float[Array, "b c r k"],
     kind_names: tuple[str, ...],
     scenes: int,
@@ -268,9 +268,9 @@ def _gather(
     # What the simulator itself loses at random is no loss of the sensor's.
     rays = replace(
         rays,
-        log_keep=rays.log_keep + own.log_kept,
-        log_intensity=rays.log_intensity - own.excess,
-        log_power=rays.log_power - own.excess,
+        log_keep=rays.log_keep + per_ray.log_kept,
+        log_intensity=rays.log_intensity - per_ray.excess,
+        log_power=rays.log_power - per_ray.excess,
     )
     returned, range_m = measured.valid[index], measured.range_m[index]
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / RULES.least_slant)
@@ -282,23 +282,23 @@ def _gather(
     moderate = (rays.incidence_rad < RULES.compared_below_rad) & (given < RULES.compared_below_rad)
     # By what is predicted, not by what was measured, which would choose the brighter of the dark rays.
     # Nor by noise, which would choose the brighter of the dark rays as well.
-    expected = rays.log_intensity - own.over_trend
+    expected = rays.log_intensity - per_ray.over_trend
     clear = expected > jnp.log(jnp.maximum(darkest, FLOOR))
-    compared = rays.hit & returned & near & ~edge & moderate & clear & ~cut & own.trusted
+    compared = rays.hit & returned & near & ~edge & moderate & clear & ~cut & per_ray.trusted
     # Of the logarithm of a reading that noise may halve the mean is off, and its scatter as large as itself.
     seen = rays.hit & returned & near & clear
     log_measured = jnp.log(jnp.maximum(measured.intensity[index], FLOOR))
     level = expected + jnp.nanmedian(jnp.where(seen, log_measured - rays.log_intensity, jnp.nan))
-    dark = own.constant * jnp.exp(-level)
+    dark = per_ray.constant * jnp.exp(-level)
     compared = compared & (dark < RULES.compared_noise)
     blur = jnp.minimum(dark, RULES.compared_noise) ** 2
-    known_variance = own.variance + blur
+    known_variance = per_ray.variance + blur
     # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
     lift = jnp.broadcast_to(0.5 * blur, log_measured.shape)
     features = _features(rays, given, kinds, score=score)
-    ridge = _ridge(len(kind_names), detail=own.detail is not None)
-    if own.detail is not None:
-        features = jnp.concatenate([features, own.detail], axis=-1)
+    ridge = _ridge(len(kind_names), detail=per_ray.detail is not None)
+    if per_ray.detail is not None:
+        features = jnp.concatenate([features, per_ray.detail], axis=-1)
     return Evidence(
         rays=rays,
         returned=returned,
@@ -318,11 +318,11 @@ def _gather(
         precision=surfaces.precision,
         scene=scene,
         known_variance=known_variance,
-        known_range_variance=own.range_variance,
-        own_step=own.step,
+        known_range_variance=per_ray.range_variance,
+        own_step=per_ray.step,
         scenes=scenes,
         kinds=kind_names,
-        after_kinds=AFTER_KINDS + (0 if own.detail is None else OF_DETAIL),
+        after_kinds=AFTER_KINDS + (0 if per_ray.detail is None else OF_DETAIL),
     )
 
 
@@ -387,5 +387,5 @@ def _features(
 def _ridge(kinds: int, *, detail: bool) -> Float[np.ndarray, " p"]:
     """`Evidence.ridge` for so many kinds of surfaces, with the detail of a noisy simulator or without."""
     others = [1 / CURVATURE_SD**2, 1 / SHIFT_SD**2, *[1 / NORMALS_SD**2] * 3]
-    own = [1 / DETAIL_SD**2] * OF_DETAIL if detail else []
-    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others, *own], np.float32)
+    of_detail = [1 / DETAIL_SD**2] * OF_DETAIL if detail else []
+    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others, *of_detail], np.float32)

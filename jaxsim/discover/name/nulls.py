@@ -124,14 +124,14 @@ def _brighter(
     residual = np.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
     levels = jax.tree.map(np.asarray, levels_of(ev, w, ev.all_blocks, residual=residual))
 
-    def own(level: np.ndarray, block: Array, share: Array) -> np.ndarray:
+    def drawn_level(level: np.ndarray, block: Array, share: Array) -> np.ndarray:
         # A predicted level lacks the variance that its rays leave open: prediction with its sign, and that much drawn
         # anew.
         return sign[np.asarray(block)] * level + np.sqrt(np.asarray(share)) * _normal(rng, level.shape)
 
     street = sign[:, None] * levels.street + _correlated(rng, np.asarray(w.street))
-    surface = own(levels.surface, w.surfaces.block, w.surfaces.variance)
-    strip = own(levels.strip, w.strips.block, w.strips.variance)
+    surface = drawn_level(levels.surface, w.surfaces.block, w.surfaces.variance)
+    strip = drawn_level(levels.strip, w.strips.block, w.strips.variance)
     drawn = levels.replace(features=levels.shared[None] + street, surface=surface, strip=strip)
     compared = np.asarray(explained_by(ev, drawn)) + sign[:, None, None] * residual_i
     # Of rays that are not compared there is no residual; their class's reflectance and noise stand in.

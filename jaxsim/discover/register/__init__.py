@@ -247,9 +247,9 @@ def _linear(
     return slope[..., free.numbers], weight, off
 
 
-def _off(met: Met, place: MeasuredPoints) -> Float[np.ndarray, "f n"]:
+def _off(met: Met, points: MeasuredPoints) -> Float[np.ndarray, "f n"]:
     """How far planes lie beyond points, m."""
-    return met.away_m - np.sum(met.normal * place, -1)
+    return met.away_m - np.sum(met.normal * points, -1)
 
 
 def _width(sides: RegisteredSides, width: float) -> Float[np.ndarray, "f n"]:

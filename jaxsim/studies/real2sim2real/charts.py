@@ -97,7 +97,7 @@ def intensity_chart(counts: Counts, kind: str) -> Canvas:
 
 def drop_picture(counts: Counts) -> Rgb:
     """Share of the scenes in which a direction returns nothing, a panel each kind of cloud; the key below."""
-    maps = {f"{kind}: share without a return": drop_map(own) for kind, own in counts.items()}
+    maps = {f"{kind}: share without a return": drop_map(of_kind) for kind, of_kind in counts.items()}
     columns = next(iter(maps.values())).shape[1]
     key = np.broadcast_to(np.linspace(0, 1, columns), (max(columns // 60, 1), columns))
     maps["key: 0, every scene returns (left), to 1, none does (right)"] = key
@@ -159,8 +159,8 @@ def _rules(canvas: Canvas, marks: Sequence[float], *, left: float, width: float,
 def _shares(counts: Counts, panel: _Panel) -> dict[str, Shares]:
     """Each kind of cloud's share of points in each bin of the chart, where it has any."""
     shares = {}
-    for name, own in counts.items():
-        histogram = own.histograms.get(panel.kind, {}).get(panel.quantity)
+    for name, of_kind in counts.items():
+        histogram = of_kind.histograms.get(panel.kind, {}).get(panel.quantity)
         if histogram is not None and histogram.sum():
             shares[name] = histogram.reshape(-1, panel.together).sum(1) / histogram.sum()
     return shares
@@ -222,7 +222,7 @@ def _round_up(value: float) -> float:
 
 def cloud_measures(counts: Counts, kind: str) -> dict[str, dict[str, float]]:
     """Measures of all kinds of clouds for one class; `counts` holds `real` and the others."""
-    return compare_clouds(counts[REAL], {name: own for name, own in counts.items() if name != REAL}, kind)
+    return compare_clouds(counts[REAL], {name: of_kind for name, of_kind in counts.items() if name != REAL}, kind)
 
 
 def check_tables(counts: Counts, first: str) -> dict[str, Table]:
