@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxsim.compilation import cache_folder
 
-NAME = "jaxsim-lidar"
+DISTRIBUTION = "jaxsim-lidar"
 SAMPLE_FRAME = 1920
 """A street of the embedded world that the packaged sensor has not learned from."""
 PROGRAM_OF = {
@@ -48,10 +48,10 @@ def check_needs() -> None:
     """Raises ModuleNotFoundError where a package is missing that jaxsim needs."""
     missing = [name for name in requirements()[0] if version_of(name) is None]
     if missing:
-        raise ModuleNotFoundError(f"doctor: {', '.join(missing)} missing; pip install '{NAME}' brings them")
+        raise ModuleNotFoundError(f"doctor: {', '.join(missing)} missing; pip install '{DISTRIBUTION}' brings them")
 
 
-def requirements(package: str = NAME) -> tuple[list[str], dict[str, list[str]]]:
+def requirements(package: str = DISTRIBUTION) -> tuple[list[str], dict[str, list[str]]]:
     """Packages that a package needs, and those of each of its extras, by the installed distribution's own metadata.
 
     A package that is asked for with an extra of its own (`jax[cuda13]`) brings what that extra holds.
@@ -82,7 +82,7 @@ def machine() -> Lines:
     """Versions of jaxsim and Python, the system, and what of a machine it runs on."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30 if hasattr(os, "sysconf") else 0.0
     return [
-        ("jaxsim", version_of(NAME) or "not installed"),
+        ("jaxsim", version_of(DISTRIBUTION) or "not installed"),
         ("python", f"{platform.python_version()} ({sys.implementation.name})"),
         ("system", f"{platform.system()} {platform.release()}, {platform.machine()}"),
         ("machine", f"{os.cpu_count()} processors, {memory:.0f} GiB"),

@@ -25,7 +25,7 @@ NotNegative = Annotated[float, Ge(0)]
 Share = Annotated[float, Ge(0), Le(1)]
 
 
-MOST = 1e12
+MOST_SETTING = 1e12
 """No setting is larger, whatever it is of: a seed, a rate, a number of steps."""
 
 
@@ -89,7 +89,7 @@ def _wrong(value: Any, hint: Any) -> str:
         size = abs(int(value)) if isinstance(value, Integral) else abs(float(value))
         if isinstance(size, float) and not math.isfinite(size):
             return "a finite number"
-        return f"within {MOST:g}" if size > MOST else ""
+        return f"within {MOST_SETTING:g}" if size > MOST_SETTING else ""
     return ""
 
 

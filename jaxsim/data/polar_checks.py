@@ -18,7 +18,7 @@ LOW_ORIGIN_M = 10.0
 
 SHAPES = {"range": 2, "intensity": 2, "incidence": 2, "semantic": 2, "instance": 2, "time": 2, "rgb": 3}
 """Dimensions of each raster of the format; rgb's third is its three channels."""
-ABOUT = ("scene", "time", "speed", "heading", "tags")
+ABOUT_KEYS = ("scene", "time", "speed", "heading", "tags")
 LATEST_S = 1e10
 """Seconds since 1970 in the year 2286: a time beyond is in another unit."""
 """What grid.json may say of a frame."""
@@ -89,7 +89,7 @@ def check_about(path: Path, frames: dict[str, Any]) -> None:
                 f"polar frames: {path}: frames[{name!r}] is {as_given(entry)}; it must be an object with any of scene, "
                 f"time, speed, heading and tags; {SEE}"
             )
-        check_keys(entry, ABOUT, where=f"polar frames: {path}: frames[{name!r}]")
+        check_keys(entry, ABOUT_KEYS, where=f"polar frames: {path}: frames[{name!r}]")
         scene = entry.get("scene", "")
         if not isinstance(scene, str | int) or isinstance(scene, bool):
             raise ValueError(

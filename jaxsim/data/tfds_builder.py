@@ -76,7 +76,7 @@ class About:
     """Whether every frame has class labels."""
 
 
-ABOUT = TypeAdapter(About)
+ABOUT_ADAPTER = TypeAdapter(About)
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ class JaxsimPairs(tfds.core.ShardBasedBuilder, skip_registration=True):
             description="Camera and LiDAR aligned on the LiDAR's polar grid: training pairs of jaxsim.",
             features=features(),
             disable_shuffling=True,
-            metadata=tfds.core.MetadataDict(ABOUT.dump_python(self.about, mode="json")) if self.about else None,
+            metadata=tfds.core.MetadataDict(ABOUT_ADAPTER.dump_python(self.about, mode="json")) if self.about else None,
         )
 
     def _shard_iterators_per_split(

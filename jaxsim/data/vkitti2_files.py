@@ -39,7 +39,7 @@ _CATEGORIES = {
     "Van": ("car", (0, 139, 139)),
     "Undefined": ("unlabeled", (0, 0, 0)),
 }
-CLASSES: dict[str, str] = {name: of_cityscapes for name, (of_cityscapes, _) in _CATEGORIES.items()}
+CITYSCAPES_OF: dict[str, str] = {name: of_cityscapes for name, (of_cityscapes, _) in _CATEGORIES.items()}
 """Class of colors.txt -> class of Cityscapes. The paper does not give its mapping."""
 COLOURS: dict[str, tuple[int, int, int]] = {name: rgb for name, (_, rgb) in _CATEGORIES.items()}
 """What colors.txt says where it is left out of a copy; some scenes' omit Undefined."""
@@ -57,7 +57,7 @@ HEADERS = {
 """Header line of each text file."""
 SATURATED = 65535
 """The value that depth saturates to: sky, and whatever is 655.35 m away or more."""
-MOST = 1e6
+MOST_NUMBER = 1e6
 """No number of its texts is beyond it, be it metres or pixels of an object."""
 WORLD_M = 1e5
 """No street lies farther from its world's origin."""
@@ -115,7 +115,7 @@ def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> _Raste
         raise ValueError(f"vkitti2: {path} is {image.dtype} with shape {image.shape}; classes are an 8-bit RGB PNG")
     # OpenCV's channels are blue, green, red.
     code = image[..., 2].astype(np.int32) << 16 | image[..., 1].astype(np.int32) << 8 | image[..., 0]
-    table = sorted((r << 16 | g << 8 | b, IDS[CLASSES[name]]) for name, (r, g, b) in colours.items())
+    table = sorted((r << 16 | g << 8 | b, IDS[CITYSCAPES_OF[name]]) for name, (r, g, b) in colours.items())
     known, ids = np.array(table, np.int32).T
     nearest = np.minimum(np.searchsorted(known, code), len(known) - 1)
     strange = known[nearest] != code
@@ -167,11 +167,11 @@ def read_indexed(path: Path) -> UInt8[np.ndarray, "h w"]:
 
 
 def read_colours(path: Path) -> dict[str, tuple[int, int, int]]:
-    """RGB of each class from colors.txt. Raises ValueError for a class that is not in CLASSES."""
+    """RGB of each class from colors.txt. Raises ValueError for a class that is not in CITYSCAPES_OF."""
     colours = {}
     for line, (name, *rgb) in _rows(path, "colors"):
-        if name not in CLASSES:
-            raise ValueError(f"vkitti2: {path}, line {line}: unknown class {name!r}; known: {', '.join(CLASSES)}")
+        if name not in CITYSCAPES_OF:
+            raise ValueError(f"vkitti2: {path}, line {line}: unknown class {name!r}; known: {', '.join(CITYSCAPES_OF)}")
         red, green, blue = _numbers(path, line, rgb, kind=int)
         if not 0 <= min(red, green, blue) <= max(red, green, blue) <= 255:
             raise ValueError(f"vkitti2: {path}, line {line}: {name} is {red} {green} {blue}; colours are 0..255")
@@ -291,8 +291,8 @@ def _numbers(path: Path, line: int, texts: list[str], *, kind: type[int] | type[
     values = [parse_number(text, kind, where=f"vkitti2: {path}, line {line}") for text in texts]
     if not np.isfinite(values).all():
         raise ValueError(f"vkitti2: {path}, line {line} holds NaN or infinite numbers; copy it again")
-    if np.abs(values).max(initial=0) > MOST:
-        raise ValueError(f"vkitti2: {path}, line {line} holds a number beyond {MOST:g}; copy it again")
+    if np.abs(values).max(initial=0) > MOST_NUMBER:
+        raise ValueError(f"vkitti2: {path}, line {line} holds a number beyond {MOST_NUMBER:g}; copy it again")
     return values
 
 

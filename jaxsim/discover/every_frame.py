@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.drawn import GridSums, map_sums
-from jaxsim.discover.gap import MEASURES, block_distances
+from jaxsim.discover.gap import ERROR_UNITS, block_distances
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Chain, Problem
@@ -176,8 +176,8 @@ def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
         unseen=int(unseen.sum()),
         gained={name: _mean(gain[:, k]) for k, name in enumerate(CHANNELS)},
         gained_unseen={name: _mean(gain[unseen, k]) for k, name in enumerate(CHANNELS)},
-        before={name: _mean(means[:, 0, k], MEASURES[name]) for k, name in enumerate(CHANNELS)},
-        after={name: _mean(means[:, 1, k], MEASURES[name]) for k, name in enumerate(CHANNELS)},
+        before={name: _mean(means[:, 0, k], ERROR_UNITS[name]) for k, name in enumerate(CHANNELS)},
+        after={name: _mean(means[:, 1, k], ERROR_UNITS[name]) for k, name in enumerate(CHANNELS)},
         worst=tuple(OddFrame(name, scene_of[name], sums.of_frame[name]) for name in worst),
     )
 

@@ -39,7 +39,7 @@ TYPICAL_SD = {
     "clutter": 0.2,
 }
 """Standard deviations of a ray, in which a change is counted: nats, m, m, and probabilities."""
-MOST_SD = 10.0
+RAY_MOST = 10.0
 """Standard deviations that one ray counts for at most: jumps to another surface are as good as lost."""
 MOST_RAYS = 5000
 """Compared at most."""
@@ -119,7 +119,7 @@ def _difference(after: dict[str, Array], before: dict[str, Array], rays: Rays) -
     for name, sd in TYPICAL_SD.items():
         change = (after[name] - before[name]).ravel() / sd
         # Bounded, and still with a slope from afar.
-        change = jnp.where(hit, MOST_SD * jnp.tanh(change / MOST_SD), 0.0)
+        change = jnp.where(hit, RAY_MOST * jnp.tanh(change / RAY_MOST), 0.0)
         if name == "log_intensity":
             # A class's reflectance is a nuisance: an effect that shifts whole classes alone shows nothing.
             kind = rays.semantic.ravel()

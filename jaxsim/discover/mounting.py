@@ -22,7 +22,7 @@ from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.moved import seen_from
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import NOTHING_YET, Comparison
-from jaxsim.discover.register.registration import LIFT, PARTS, Registration
+from jaxsim.discover.register.registration import LIFT, MOTION_PARTS, Registration
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval, p_value
 from jaxsim.discover.verdict import Interval, Named, Registered
@@ -137,7 +137,7 @@ def parameters(registered: Registration, effect: str) -> dict[str, Interval]:
         "beam_elevation_error": {"error_rad": float(registered.motion[6])},
     }[effect]
     of = EFFECTS[effect].parameters
-    halves = map(float, registered.half[PARTS[effect]])
+    halves = map(float, registered.half[MOTION_PARTS[effect]])
     return {
         name: Interval(
             *(float(np.clip(v, of[name].low, of[name].high)) for v in (value, value - half, value + half)),
@@ -157,7 +157,7 @@ def registered_of(comparison: Comparison) -> Registered | None:
     return Registered(
         motion={
             key: value
-            for name in PARTS
+            for name in MOTION_PARTS
             if name != "beam_elevation_error" or name in one.sure
             for key, value in parameters(one, name).items()
         },
@@ -178,7 +178,7 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
     if registered is None:
         return (), ()
     for name in mounting.effects:
-        on_find, on_judge = gains(registered.frames, PARTS[name], scenes=mounting.comparison.scenes, parts=parts)
+        on_find, on_judge = gains(registered.frames, MOTION_PARTS[name], scenes=mounting.comparison.scenes, parts=parts)
         gain = clipped(on_find)
         values = parameters(registered, name)
         vectors = {key: (one,) * rows for key, one in values.items() if EFFECTS[name].parameters[key].shape == "row"}

@@ -61,10 +61,10 @@ def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
     return told + mounting(answer)
 
 
-REACH_M = np.geomspace(2.0, 120.0, 80)
+LOSS_RANGES_M = np.geomspace(2.0, 120.0, 80)
 """Distances at which losses are held against CARLA's: as many in each stretch as rays of a street are, about."""
 LEAST_LOSS = 0.01
-"""Share of rays that a threshold on the power may lose within REACH_M and still count as none."""
+"""Share of rays that a threshold on the power may lose within LOSS_RANGES_M and still count as none."""
 
 
 def losses(answer: FittedSensor, now: Mapping[str, float], *, rate: float) -> list[Setting]:
@@ -72,7 +72,7 @@ def losses(answer: FittedSensor, now: Mapping[str, float], *, rate: float) -> li
 
     CARLA loses every class alike: of `material_dropout` it takes the mean over classes. `snr_dropout` has CARLA's own
     losses among its forms; of its other form, a threshold on the power, CARLA's echoes make one on distance: a cut, or
-    losses by intensity, whichever comes nearer over REACH_M (least squares).
+    losses by intensity, whichever comes nearer over LOSS_RANGES_M (least squares).
     """
     of_classes = mean_by_certainty(answer.each("material_dropout", "probability"))
     even = combined(
@@ -118,16 +118,16 @@ def faint_losses(answer: FittedSensor, *, rate: float) -> Faint:
     threshold, width = given["threshold"], given["width"]
     limit, zero = given["limit"], given["zero_loss"]
     # ln of the power that the effect sees: the reported intensity over the square of the distance.
-    intensity = np.exp(-rate * REACH_M)
-    log_power = np.log(intensity) - 2 * np.log(REACH_M / REFERENCE_M)
+    intensity = np.exp(-rate * LOSS_RANGES_M)
+    log_power = np.log(intensity) - 2 * np.log(LOSS_RANGES_M / REFERENCE_M)
     strong = 1 / (1 + np.exp(-(log_power - threshold.value) / width.value))
     if zero.value > 0 and strong.min() > 1 - LEAST_LOSS:
         drop_off = {"dropoff_intensity_limit": limit, "dropoff_zero_intensity": zero}
         return Faint("snr_dropout: its form below an intensity is CARLA's own", drop_off)
     kept = strong * (1 - zero.value * np.maximum(1 - intensity / limit.value, 0))
-    cut = threshold.mapped(lambda power: float(np.interp(-power, -log_power, REACH_M)))
+    cut = threshold.mapped(lambda power: float(np.interp(-power, -log_power, LOSS_RANGES_M)))
     nearest = nearest_drop_off(1 - kept, intensity)
-    if float(np.sum(((cut.value >= REACH_M) - kept) ** 2)) < nearest.off:
+    if float(np.sum(((cut.value >= LOSS_RANGES_M) - kept) ** 2)) < nearest.off:
         return Faint("snr_dropout: of CARLA's echoes, whose power is one of distance, this cut", reach=cut)
     drop_off = {"dropoff_intensity_limit": Estimate(nearest.limit), "dropoff_zero_intensity": Estimate(nearest.zero)}
     general = Estimate(nearest.general, nearest.general, nearest.general)

@@ -30,7 +30,7 @@ RANGES_M = np.array([3, 4, 5, 6, 7.5, 9, 11, 13, 16, 20, 25, 32, 42, 60])
 ANGLES_RAD = np.deg2rad([20, 40, 55, 65, 72, 78, 82, 86])
 FEWEST_CELLS = 30
 """Training cells below which a cell of the table takes its line's median."""
-AROUND = (3, 7, 15)
+NEIGHBOURHOODS = (3, 7, 15)
 """Cells to a side of the surroundings."""
 ALONE = {"max_iter": 150, "learning_rate": 0.15}
 WITH_CONTEXT = {"max_iter": 300, "learning_rate": 0.08}
@@ -192,7 +192,7 @@ def _surroundings(rgb: np.ndarray, away: np.ndarray, angle: np.ndarray, *, seen:
     # Of ln range, so that the spread on a slanted surface is the same near and far.
     logarithm = np.log(np.maximum(away, 1))
     channels = []
-    for size in AROUND:
+    for size in NEIGHBOURHOODS:
         channels += [*_mean_and_spread(grey, seen, size), _mean_and_spread(logarithm, seen, size)[1]]
         channels.append(cv2.blur(seen.astype(np.float32), (size, size)))
     # Incidence, red against blue, green against grey: what brightness does not tell.

@@ -21,8 +21,8 @@ from jaxsim.frame import Array
 PATCH = 7
 PLACES = 128
 REPEATS = 4
-BATCH = 128
-DIRECTIONS = 128
+TOGETHER = 128
+PROJECTIONS = 128
 # Binomial taps, which approach a Gaussian (Burt and Adelson 1983).
 KERNEL = np.array([1, 4, 6, 4, 1]) / 16
 
@@ -95,7 +95,7 @@ def _distances(a: Sequence[Array], b: Sequence[Array], key: Array) -> list[float
     y = _standardised(jnp.concatenate(b))
     distances = []
     for repeat in range(REPEATS):
-        directions = jax.random.normal(jax.random.fold_in(key, repeat), (x.shape[1], DIRECTIONS))
+        directions = jax.random.normal(jax.random.fold_in(key, repeat), (x.shape[1], PROJECTIONS))
         # By their deviation, not their length, as the program has it: values are sqrt(49 c) times larger.
         directions = directions / jnp.std(directions, axis=0, ddof=1, keepdims=True)
         distances.append(float(sliced(x, y, directions)))
@@ -128,8 +128,8 @@ def sliced_wasserstein(a: Images, b: Images) -> dict[str, float]:
     multiple = 2 ** (levels - 1)
     height, width = rows // multiple * multiple, columns // multiple * multiple
     patches: list[tuple[list[Array], list[Array]]] = [([], []) for _ in range(levels)]
-    for first in range(0, n, BATCH):
-        parts = [np.asarray(images[first : first + BATCH][:, :height, :width], np.float32) for images in (a, b)]
+    for first in range(0, n, TOGETHER):
+        parts = [np.asarray(images[first : first + TOGETHER][:, :height, :width], np.float32) for images in (a, b)]
         pyramids = [laplacian_pyramid(part, levels=levels) for part in parts]
         for level, pair in enumerate(zip(*pyramids, strict=True)):
             rows, columns = pair[0].shape[1:3]

@@ -126,7 +126,7 @@ def drop_loss(
     return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
 
 
-BLOCKS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28,))
+VGG_BLOCKS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28,))
 """Places of the convolutions in torchvision's `features`; a 2 x 2 max-pool between the blocks. The ReLU after
 the first convolution of each block is a feature of the loss: relu_1_1 ... relu_5_1."""
 # Wang et al. 2018: deep features, which say what is there, count more than edges and spots.
@@ -139,7 +139,7 @@ def _shapes() -> dict[str, tuple[int, ...]]:
     """torchvision's names and shapes."""
     shapes: dict[str, tuple[int, ...]] = {}
     channels = 3
-    for block, places in enumerate(BLOCKS):
+    for block, places in enumerate(VGG_BLOCKS):
         width = min(64 * 2**block, 512)
         for layer in places:
             shapes[f"features.{layer}.weight"] = (width, channels, 3, 3)
@@ -189,7 +189,7 @@ def vgg_features(
     # The mean and deviation are of images in 0..1.
     x = ((image + 1) / 2 - mean) / deviation if imagenet else image
     features = []
-    for block, places in enumerate(BLOCKS):
+    for block, places in enumerate(VGG_BLOCKS):
         if block:
             x = jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
         for i, layer in enumerate(places):

@@ -37,7 +37,7 @@ INSIDE = 1e-6
 """Ranks stay so far from 0 and 1, which single precision would round them to."""
 OFF = 1e-3
 """By how much shares may miss a sum of 1: digits of a file."""
-Cells = Float[Array, "rows columns"]
+_Cells = Float[Array, "rows columns"]
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,9 @@ class Ranks:
 class Breaks:
     """What breaks fields: how the range bends from cell to cell, and where classes change."""
 
-    across_m: Cells
+    across_m: _Cells
     """Bend between a cell and the one before it in its row; of the first column BROKEN_M."""
-    down_m: Cells
+    down_m: _Cells
     """Between a cell and the one above; of the first row BROKEN_M."""
     new_across: Bool[Array, "rows columns"]
     """The cell is not of the label of the one before it."""
@@ -115,7 +115,7 @@ class Breaks:
 
 @jax.jit
 def breaks_of(
-    range_m: Cells,
+    range_m: _Cells,
     valid: Bool[Array, "rows columns"],
     *,
     kind: Int[Array, "rows columns"],
@@ -129,8 +129,8 @@ def breaks_of(
 
 
 def _border(
-    range_m: Cells, valid: Bool[Array, "rows columns"], *, label: tuple[Array, Array]
-) -> tuple[Cells, Bool[Array, "rows columns"]]:
+    range_m: _Cells, valid: Bool[Array, "rows columns"], *, label: tuple[Array, Array]
+) -> tuple[_Cells, Bool[Array, "rows columns"]]:
     """Bend between each cell and the one before it in its row, and where the label changes between them."""
     one = jnp.ones((), range_m.dtype)
     # Of a plane the inverse range is a sine of the ray's angle, whose second difference is nothing beside an edge's.
@@ -159,14 +159,14 @@ def draw_field(
     columns: Float[Array, ""],
     rows: Float[Array, ""],
     edge_m: Float[Array, ""],
-) -> Cells:
+) -> _Cells:
     """One draw of a field of these lengths, cells; every cell of it is standard normal."""
     kept_across = jnp.where(on.new_across, 0.0, jnp.exp(-1 / columns - on.across_m / edge_m))
     kept_down = jnp.where(on.new_down, 0.0, jnp.exp(-1 / rows - on.down_m / edge_m))
     return _kept(_kept(jax.random.normal(key, on.kind.shape), kept_across, axis=1), kept_down, axis=0)
 
 
-def _kept(new: Cells, keep: Cells, *, axis: int) -> Cells:
+def _kept(new: _Cells, keep: _Cells, *, axis: int) -> _Cells:
     """z[i] = keep[i] z[i - 1] + sqrt(1 - keep[i]^2) new[i], which is standard normal where `new` is and its cells along
     `axis` have nothing to do with each other."""
 
@@ -176,7 +176,7 @@ def _kept(new: Cells, keep: Cells, *, axis: int) -> Cells:
     return jax.lax.associative_scan(join, (keep, jnp.sqrt(1 - keep * keep) * new), axis=axis)[1]
 
 
-def drawn_of(field: Field, on: Breaks, key: Array) -> Cells:
+def drawn_of(field: Field, on: Breaks, key: Array) -> _Cells:
     """One draw of a field; every cell of it is standard normal."""
     if field.single:
         return jax.random.normal(key, on.kind.shape)
@@ -203,7 +203,7 @@ def draw_ranks(grain: Grain, painted: Painted, key: Array, *, stays: Array | Non
     )
 
 
-def ranks_of_fields(fields: Sequence[Field], on: Breaks, key: Array, *, stays: Array | None = None) -> Cells:
+def ranks_of_fields(fields: Sequence[Field], on: Breaks, key: Array, *, stays: Array | None = None) -> _Cells:
     """Ranks 0..1 of one draw, each of them evenly distributed; `stays` as in `draw_ranks`."""
     of_surface = key if stays is None else stays
     total = jnp.zeros(on.kind.shape)

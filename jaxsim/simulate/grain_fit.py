@@ -45,13 +45,13 @@ CANDIDATES = (
 )
 OUTER = 0.002
 """Ranks are told from here to as far below 1."""
-DRAWS = 4
+DRAWS_OF_FIELD = 4
 """Of each field on each frame."""
-FEWEST = 50
+FEWEST_PAIRS = 50
 """Pairs of cells whose mean product counts."""
 ORDERS = 24
 """Terms of the series."""
-LEAST = 0.005
+LEAST_FIELD_SHARE = 0.005
 """Shares below this are left out."""
 FRAMES = 32
 """As many are looked at, evenly spread over what is given: more tell the same."""
@@ -182,16 +182,16 @@ class ProductSums:
         """Adds those of frame k."""
         self.pairs = self.pairs + pairs.count
         self.measured = self.measured + measured
-        for draw in range(DRAWS):
+        for draw in range(DRAWS_OF_FIELD):
             keys = jax.random.split(jax.random.fold_in(jax.random.key(k), draw), len(CANDIDATES))
             fields = [np.asarray(drawn_of(field, pairs.on, key)) for field, key in zip(CANDIDATES, keys, strict=True)]
-            self.drawn = self.drawn + pairs.of(np.stack(fields)) / DRAWS
+            self.drawn = self.drawn + pairs.of(np.stack(fields)) / DRAWS_OF_FIELD
 
     def shares(self, correlation: Callable[[np.ndarray], np.ndarray]) -> tuple[Field, ...]:
         """The candidates with the shares that explain best how alike cells are."""
-        enough = self.pairs >= FEWEST
+        enough = self.pairs >= FEWEST_PAIRS
         if not enough.any():
-            raise ValueError(f"grain: fewer than {FEWEST} pairs of cells of any distance; learn from more frames")
+            raise ValueError(f"grain: fewer than {FEWEST_PAIRS} pairs of cells of any distance; learn from more frames")
         weight = np.sqrt(self.pairs[enough])
         seen = np.clip(correlation(self.measured[:, enough] / self.pairs[enough]), -1, 1)
         fields = (self.drawn[:, enough] / self.pairs[enough]).T
@@ -199,7 +199,7 @@ class ProductSums:
         heavy = 1e3 * weight.sum()
         design = np.concatenate([fields * weight[:, None], np.full((1, len(CANDIDATES)), heavy)])
         shares, _ = nnls(design, np.append(seen * weight, heavy))
-        shares = np.where(shares < LEAST, 0, shares)
+        shares = np.where(shares < LEAST_FIELD_SHARE, 0, shares)
         shares = np.round(shares / shares.sum(), 4)
         shared = zip(CANDIDATES, shares.tolist(), strict=True)
         return tuple(replace(field, share=share) for field, share in shared if share)

@@ -31,7 +31,7 @@ OF_CAMERA = ("rgb", "surroundings")
 """Inputs that a camera alone knows."""
 CALLS = 5
 log = logging.getLogger(__name__)
-Raster = Float[Array, "*b rows columns"]
+_Raster = Float[Array, "*b rows columns"]
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,12 @@ class LiveRays:
 
     def __call__(
         self,
-        range_m: Raster,
+        range_m: _Raster,
         *,
         valid: Bool[Array, "*b rows columns"] | None = None,
         semantic: Int[Array, "*b rows columns"] | None = None,
         instance: Int[Array, "*b rows columns"] | None = None,
-        incidence_rad: Raster | None = None,
+        incidence_rad: _Raster | None = None,
     ) -> Cloud:
         """The cloud of rays that end `range_m` from their origins; where they end nowhere, `range_m` is not finite or
         <= 0, or `valid` says so. `semantic` holds Cityscapes ids; without `incidence_rad` it is told from the ranges.
@@ -198,7 +198,7 @@ def _cloud_of_view(
 
 def _cloud_of_rays(
     params: Any,
-    met: tuple[Painted, Raster | None],
+    met: tuple[Painted, _Raster | None],
     window: NetworkWindow,
     *,
     generate: Generate,

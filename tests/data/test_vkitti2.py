@@ -10,7 +10,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.vkitti2 import VirtualKitti2
-from jaxsim.data.vkitti2_files import CLASSES, COLOURS, OBJECT_KINDS
+from jaxsim.data.vkitti2_files import CITYSCAPES_OF, COLOURS, OBJECT_KINDS
 from jaxsim.geometry import preset, unproject
 from jaxsim.prepare import dense_view, prepare_frame
 from tests.data.virtual_drives import BASELINE_M, K
@@ -101,7 +101,7 @@ def test_frames_are_what_was_rendered(virtual, camera):
     np.testing.assert_array_equal(view.depth_valid[near], True)
     assert not view.depth_valid[~shot.valid | (shot.depth_m > 120.1)].any()
     np.testing.assert_allclose(view.depth_m[near], shot.depth_m[near], atol=0.0051)
-    names = np.array([IDS[CLASSES[name]] for name in COLOURS])
+    names = np.array([IDS[CITYSCAPES_OF[name]] for name in COLOURS])
     np.testing.assert_array_equal(view.semantic, names[shot.classes])
     np.testing.assert_array_equal(view.instance, shot.tracks)
     assert np.abs(view.rgb.astype(int) - shot.rgb).mean() < 4  # JPEG

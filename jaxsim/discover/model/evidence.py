@@ -37,7 +37,7 @@ LEVEL_RAD = 0.15
 """Planes tilted by less than this are level ground."""
 LEAST_DOWN_RAD = np.deg2rad(1.0)
 """Rays that look down by less tell no ground from walls."""
-QUANTILES = (0.05, 0.35, 0.65, 0.95)
+KNOT_QUANTILES = (0.05, 0.35, 0.65, 0.95)
 """Quantiles of ln albedo: knots of the free curve."""
 LEAST_APART = 0.1
 """Nats between knots, at least; where all albedos are alike one knot is left."""
@@ -115,7 +115,7 @@ def _ground(scan: Scan) -> Bool[np.ndarray, "f r n"]:
 
 def _knots(albedo: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
     knots: list[float] = []
-    for knot in np.quantile(albedo, QUANTILES):
+    for knot in np.quantile(albedo, KNOT_QUANTILES):
         if not knots or knot - knots[-1] > LEAST_APART:
             knots.append(float(knot))
     return np.array(knots)

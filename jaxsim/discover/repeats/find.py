@@ -15,16 +15,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from jaxsim.discover.name.unexplained import LETTER
 from jaxsim.discover.repeats.maps import Maps, PatternMap, PatternScale, scales
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import attainable, jackknife_half_width, p_value, signs_of
 from jaxsim.discover.verdict import Interval, Repeat
 
-CHUNK = 256
+SIGNS_AT_ONCE = 256
 """Choices of signs that are looked at together."""
 HEIGHT_UNITS = {"intensity": "nats", "range": "m", "drop": "share of rays"}
 """Units of a pattern's height."""
-LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "Δ p(drop)"}
+LETTERS = {**LETTER, "drop": "Δ p(drop)"}
 """What a formula says of each channel."""
 LEAST_HEIGHT = {
     "intensity": RULES.repeats_least_nats,
@@ -69,7 +70,9 @@ def of_patterns(
     # A pattern that no scene shows anything of is infinitely unsure, not 0 / 0.
     spread = np.where(spread > 1e-9 * max(spread.max(initial=0), 1e-12), spread, np.inf)
     scaled = sums / spread
-    by_chance = [np.abs(signs[k : k + CHUNK] @ scaled).max(1, initial=0) for k in range(0, len(signs), CHUNK)]
+    by_chance = [
+        np.abs(signs[k : k + SIGNS_AT_ONCE] @ scaled).max(1, initial=0) for k in range(0, len(signs), SIGNS_AT_ONCE)
+    ]
     # A wave's size is told by cosines and sines, each of half its sum's variance.
     shared = (np.abs(sums.sum(0)) ** 2 - squares) * (2 if np.iscomplexobj(sums) else 1)
     return Agreement(np.abs(scaled.sum(0)), np.concatenate(by_chance), shared / np.maximum(information, 1e-12))
@@ -258,6 +261,6 @@ def repeat_of(
     channel: str, scale: PatternScale, k: int, *, phase: complex, size: Interval, p: float, p_judge: float
 ) -> Repeat:
     """The k-th pattern of a scale in words."""
-    height = f"{LETTER[channel]} ≈ {size.value:.3g}"
+    height = f"{LETTERS[channel]} ≈ {size.value:.3g}"
     formula = f"{height}·{scale.formula(k, phase)}" if scale.formula else f"{height}, {scale.words(k)}"
     return Repeat(channel, scale.name, scale.along, scale.words(k), scale.period(k), formula, size, p, p_judge)

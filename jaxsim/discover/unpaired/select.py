@@ -28,7 +28,7 @@ from jaxsim.discover.verdict import Unexplained
 
 CURVES_ALONG = ("range", "incidence", "azimuth")
 """Free curves that are no effect of the catalogue; one along the row is beam_gain."""
-DRAWS = 100
+BAND_DRAWS = 100
 """Draws of the bootstrap over scenes that a curve's band is taken from, the curve itself included."""
 NORMAL_REACH = 1.645
 """Standard deviations to either side within which a normal number lies with 90 %."""
@@ -190,7 +190,7 @@ def _described(problem: Conditional, curve: UnpairedCandidate) -> Unexplained:
     rng = np.random.default_rng(0)
     fits = [_heights(problem, curve, problem.weight)]
     # Scenes are drawn with replacement: rays of one scene are no independent witnesses.
-    for _ in range(DRAWS - 1):
+    for _ in range(BAND_DRAWS - 1):
         drawn = rng.choice(scenes, len(scenes))
         fits.append(_heights(problem, curve, np.bincount(drawn, minlength=len(problem.find)).astype(float)))
     # A knot lies where its hat function is high.

@@ -28,7 +28,7 @@ _LEAST_PAIRS = 1024
 _MOST_PAIRS = 1 << 18
 
 
-CLASSES = {"Car": "Van", "Pedestrian": "Person_sitting", "Cyclist": None}
+SCORED = {"Car": "Van", "Pedestrian": "Person_sitting", "Cyclist": None}
 """Each class, and the one that a detector may take for it at no cost."""
 
 OVERLAP_SETS: dict[str, dict[str, tuple[float, float, float]]] = {
@@ -43,7 +43,7 @@ PRINTED_COLUMNS = (("3d", "0.7"), ("bev", "0.7"), ("3d", "0.5"), ("bev", "0.5"),
 
 def truth_flags(truth: Objects, kind: str, difficulty: Difficulty, *, rules: MatchingRules) -> Int[np.ndarray, " n"]:
     """Flags of labelled objects. A height of exactly the limit counts in the official tool, not in OpenPCDet."""
-    names, neighbour = truth.lower_kind, CLASSES[kind]
+    names, neighbour = truth.lower_kind, SCORED[kind]
     height = truth.bbox_px[:, 3] - truth.bbox_px[:, 1]
     low = height < difficulty.height_px if rules == "official" else height <= difficulty.height_px
     hidden = (truth.occluded > difficulty.occluded) | (truth.truncated > difficulty.truncated) | low

@@ -30,7 +30,7 @@ from pydantic import TypeAdapter
 from jaxsim.config import SegmentationConfig
 from jaxsim.data.range_images import CLASSES_FILE
 from jaxsim.data.synthetic import SyntheticWorld
-from jaxsim.data.synthetic.labelled import CLASSES, write_labelled
+from jaxsim.data.synthetic.labelled import LABEL_CLASSES, write_labelled
 from jaxsim.data.synthetic.world import FRAMES_PER_DRIVE
 from jaxsim.files import claim, parse_json, parse_settings, write_text
 from jaxsim.progress import Progress
@@ -78,7 +78,7 @@ def _embedded(folder: Path, frames: int) -> tuple[Path, Path]:
         world = SyntheticWorld(seed, streets=f"wet_{streets}")
         indices = range(0, FRAMES_PER_DRIVE * count, FRAMES_PER_DRIVE)
         write_labelled(folder / streets, world, Progress(indices, desc=f"rendering the {streets}", unit="frame"))
-        write_text(folder / streets / CLASSES_FILE, json.dumps(CLASSES))
+        write_text(folder / streets / CLASSES_FILE, json.dumps(LABEL_CLASSES))
     return folder / SUBURB, folder / TOWN
 
 
