@@ -114,8 +114,8 @@ def camera_rows(camera: Camera, size: tuple[int, int], spec: LidarSpec) -> tuple
     """First and stop of the lines that a camera sees.
 
     Those are the lines with at least LINE_SHARE of their points on a flat road between the image's top and bottom edge,
-    of all points in the camera's azimuth extent. A line is level and its image curved: the image's bottom cuts it first at
-    the sides. A flat road depends on the calibration alone, so that all frames of a drive share a window.
+    of all points in the camera's azimuth extent. A line is level and its image curved: the image's bottom cuts it first
+    at the sides. A flat road depends on the calibration alone, so that all frames of a drive share a window.
 
     Raises ValueError for a batch of cameras and for a camera that sees no line.
     """
