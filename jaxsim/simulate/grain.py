@@ -161,6 +161,8 @@ def draw_field(
     edge_m: Float[Array, ""],
 ) -> _Cells:
     """One draw of a field of these lengths, cells; every cell of it is standard normal."""
+    # An exponential correlation: one cell on it falls by 1 / length, and by the bend of the surface over `edge_m`; at
+    # another class it is 0.
     kept_across = jnp.where(on.new_across, 0.0, jnp.exp(-1 / columns - on.across_m / edge_m))
     kept_down = jnp.where(on.new_down, 0.0, jnp.exp(-1 / rows - on.down_m / edge_m))
     return _kept(_kept(jax.random.normal(key, on.kind.shape), kept_across, axis=1), kept_down, axis=0)
@@ -170,6 +172,7 @@ def _kept(new: _Cells, keep: _Cells, *, axis: int) -> _Cells:
     """z[i] = keep[i] z[i - 1] + sqrt(1 - keep[i]^2) new[i], which is standard normal where `new` is and its cells along
     `axis` have nothing to do with each other."""
 
+    # Two steps of the recursion are one of the same form, so that all are made in log n steps.
     def join(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[Array, Array]:
         return first[0] * second[0], second[0] * first[1] + second[1]
 
@@ -209,6 +212,7 @@ def ranks_of_fields(fields: Sequence[Field], on: Breaks, key: Array, *, stays: A
     total = jnp.zeros(on.kind.shape)
     for k, field in enumerate(fields):
         field_key = jax.random.fold_in(key if field.single else of_surface, k)
+        # Shares are of the variance.
         total = total + jnp.sqrt(jnp.float32(field.share)) * drawn_of(field, on, field_key)
     # Of a file's digits the shares may sum to a little more or less than 1.
     total = total / jnp.sqrt(jnp.float32(sum(field.share for field in fields)))

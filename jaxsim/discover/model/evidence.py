@@ -273,6 +273,7 @@ def _gather(
         log_power=rays.log_power - per_ray.excess,
     )
     returned, range_m = measured.valid[index], measured.range_m[index]
+    # A ray that grazes its plane runs along it at the least turn of the sensor.
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / RULES.least_slant)
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
     step = rays.hit & at_edge(rays)
@@ -280,8 +281,7 @@ def _gather(
     given = given_rad[index]
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < RULES.compared_below_rad) & (given < RULES.compared_below_rad)
-    # By what is predicted, not by what was measured, which would choose the brighter of the dark rays.
-    # Nor by noise, which would choose the brighter of the dark rays as well.
+    # By what is predicted, free of noise: what was measured, or noise, would choose the brighter of the dark rays.
     expected = rays.log_intensity - per_ray.over_trend
     clear = expected > jnp.log(jnp.maximum(darkest, FLOOR))
     compared = rays.hit & returned & near & ~edge & moderate & clear & ~cut & per_ray.trusted
@@ -295,6 +295,7 @@ def _gather(
     known_variance = per_ray.variance + blur
     # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
     lift = jnp.broadcast_to(0.5 * blur, log_measured.shape)
+    # The design of the random effects, with the detail of a noisy simulator where there is any.
     features = _features(rays, given, kinds, score=score)
     ridge = _ridge(len(kind_names), detail=per_ray.detail is not None)
     if per_ray.detail is not None:

@@ -87,6 +87,7 @@ def value_and_gradient(
 ) -> Gradient:
     """The likelihood of `ev` with its rays' fields replaced. Levels that frames share follow from the blocks with
     `fitted` > 0; `value` counts those with `counted` > 0."""
+    # Two programs, for intensities need levels of all blocks and returns do not.
     parts: list[Gradient] = []
     if "intensity" in channels:
         parts.append(
