@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, channels_of, fit, partway, score_at
 from jaxsim.discover.model.likelihood import rounded, rounding_gain
@@ -25,7 +25,7 @@ from jaxsim.discover.model.parameters import fitted_parameters
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, p_value
 from jaxsim.effects import Law
-from jaxsim.effects.places import spans_turn
+from jaxsim.effects.places import longest_run, spans_turn, within_turn
 from jaxsim.progress import Progress
 
 PAST_M = (0.02, 0.05, 0.1)
@@ -98,18 +98,6 @@ def _sector(problem: Problem) -> tuple[Start, ...]:
     width = (high - low) * BIN_RAD
     middle = within_turn(((low + high + 1) / 2) * BIN_RAD - np.pi)
     return tuple({"azimuth_rad": middle, "width_rad": share * width} for share in (0.7, 1.0, 1.4))
-
-
-def longest_run(flags: Bool[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, " k"]:
-    """Places of the longest run of flags that are set; of a `closed` ring they count on past its seam, from n on."""
-    # A ring is laid out twice: a run across its seam lies whole in the middle.
-    places = np.flatnonzero(np.tile(flags, 2) if closed else flags)
-    return max(np.split(places, np.flatnonzero(np.diff(places) > 1) + 1), key=len)[: len(flags)]
-
-
-def within_turn(azimuth_rad: float) -> float:
-    """The same azimuth from -pi to pi."""
-    return (azimuth_rad + np.pi) % (2 * np.pi) - np.pi
 
 
 STARTS: dict[str, Callable[[Problem], tuple[Start, ...]]] = {

@@ -15,13 +15,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.name.candidates import longest_run, within_turn
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import chance_of, difference_interval
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.discover.verdict import Interval, Named
 from jaxsim.effects import EFFECTS
-from jaxsim.effects.places import spans_turn
+from jaxsim.effects.places import longest_run, spans_turn, within_turn
 from jaxsim.frame import PolarGrid
 
 
