@@ -88,9 +88,14 @@ def reconstruction(
     Where devices share a batch, `mean` takes the mean over them: weights are told from those of the whole batch,
     so that the mean of the devices' terms is the term of the whole.
     """
+    return _weighted_mean(0.5 * jnp.abs(image - target).mean(-1), weight, mean)
+
+
+def _weighted_mean(
+    loss: Float[Array, "b h w"], weight: Float[Array, "b h w"], mean: Callable[[Array], Array]
+) -> Float[Array, ""]:
     # Without any weight the term is 0, not 0 / 0.
-    error = 0.5 * jnp.abs(image - target).mean(-1)
-    return (weight * error).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(error.dtype).tiny)
+    return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
 
 
 def quantile_loss(
@@ -109,7 +114,7 @@ def quantile_loss(
     quantile = jnp.asarray(QUANTILES, jnp.float32)[None, None, None]
     share = jnp.where(quantile == 0.5, 2.0, 0.5)
     loss = (share * jnp.maximum(quantile * error, (quantile - 1) * error)).sum(-1)
-    return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
+    return _weighted_mean(loss, weight, mean)
 
 
 def drop_loss(
@@ -123,7 +128,7 @@ def drop_loss(
     logit = outputs[..., -1]
     # From the logit: a probability that rounds to 0 or 1 would have no logarithm.
     loss = jax.nn.softplus(logit) - jnp.where(dropped, logit, jnp.zeros_like(logit))
-    return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
+    return _weighted_mean(loss, weight, mean)
 
 
 VGG_BLOCKS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28,))
