@@ -14,8 +14,7 @@ free level each.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -226,27 +225,38 @@ def gather(
     kinds = kinds_of(scan, index)
     given = scan.incidence_rad if given_rad is None else given_rad
     surfaces = surfaces_of(scan, index)
-    return _gather(
+    per_ray = at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator)
+    fields = _fields_of_rays(
         scan,
         measured,
         rays or cast(scan, frame, column),
         index=index,
         given_rad=given,
         score=angle_scores(given, hit=scan.hit, semantic=scan.semantic)[index],
-        surfaces=surfaces,
-        scene=scene.astype(np.int32),
         darkest=np.float32(RULES.compared_steps * step),
         cut=_cut_off(values, valid, surfaces),
-        lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
-        per_ray=at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
+        per_ray=per_ray,
         kinds=kinds.share,
-        kind_names=kinds.names,
-        scenes=int(scene.max()) + 1,
     )
+    ev = Evidence(
+        **fields,
+        lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
+        ridge=_ridge(len(kinds.names), detail=per_ray.detail is not None),
+        strip=surfaces.strip,
+        surface=surfaces.surface,
+        precision=surfaces.precision,
+        scene=scene.astype(np.int32),
+        known_range_variance=per_ray.range_variance,
+        own_step=per_ray.step,
+        scenes=int(scene.max()) + 1,
+        kinds=kinds.names,
+        after_kinds=AFTER_KINDS + (0 if per_ray.detail is None else OF_DETAIL),
+    )
+    return jax.device_put(ev)
 
 
-@partial(jax.jit, static_argnames=("kind_names", "scenes"))
-def _gather(
+@jax.jit
+def _fields_of_rays(
     scan: Scan,
     measured: Measured,
     simulated: Cast,
@@ -254,16 +264,13 @@ def _gather(
     index: RayIndex,
     given_rad: Float[Array, "f r n"],
     score: Float[Array, "b c r"],
-    surfaces: Surfaces,
-    scene: Int[Array, " b"],
     darkest: Float[Array, ""],
     cut: Bool[Array, "#b #c #r"],
-    lowest: Float[Array, ""],
     per_ray: AtRays,
     kinds: Float[Array, "b c r k"],
-    kind_names: tuple[str, ...],
-    scenes: int,
-) -> Evidence:
+) -> dict[str, Any]:
+    """The fields of `Evidence` that are told ray by ray. Not compared are readings below `darkest`, and those that are
+    `cut` off."""
     rays, pose = simulated.rays, simulated.pose
     # What the simulator itself loses at random is no loss of the sensor's.
     rays = replace(
@@ -297,34 +304,22 @@ def _gather(
     lift = jnp.broadcast_to(0.5 * blur, log_measured.shape)
     # The design of the random effects, with the detail of a noisy simulator where there is any.
     features = _features(rays, given, kinds, score=score)
-    ridge = _ridge(len(kind_names), detail=per_ray.detail is not None)
     if per_ray.detail is not None:
         features = jnp.concatenate([features, per_ray.detail], axis=-1)
-    return Evidence(
-        rays=rays,
-        returned=returned,
-        range_m=range_m,
-        log_intensity=log_measured + lift,
-        lift=lift,
-        lowest=lowest,
-        given_rad=given,
-        compared=compared,
-        edge=edge,
-        step=step,
-        pose=jnp.where(steady[..., None], pose, 0),
-        features=jnp.where(compared[..., None], features, 0).astype(jnp.float32),
-        ridge=ridge,
-        strip=surfaces.strip,
-        surface=surfaces.surface,
-        precision=surfaces.precision,
-        scene=scene,
-        known_variance=known_variance,
-        known_range_variance=per_ray.range_variance,
-        own_step=per_ray.step,
-        scenes=scenes,
-        kinds=kind_names,
-        after_kinds=AFTER_KINDS + (0 if per_ray.detail is None else OF_DETAIL),
-    )
+    return {
+        "rays": rays,
+        "returned": returned,
+        "range_m": range_m,
+        "log_intensity": log_measured + lift,
+        "lift": lift,
+        "given_rad": given,
+        "compared": compared,
+        "edge": edge,
+        "step": step,
+        "pose": jnp.where(steady[..., None], pose, 0),
+        "features": jnp.where(compared[..., None], features, 0).astype(jnp.float32),
+        "known_variance": known_variance,
+    }
 
 
 def _cut_off(
