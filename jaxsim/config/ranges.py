@@ -75,10 +75,10 @@ def _wrong(value: Any, hint: Any) -> str:
     if origin is Literal:
         return "" if value in arguments else f"one of {', '.join(map(str, arguments))}"
     if origin is tuple and isinstance(value, tuple):
-        own = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
-        if len(own) != len(value):
-            return f"{len(own)} values"
-        wrongs = [_wrong(one, of) for one, of in zip(value, own, strict=True)]
+        of_items = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
+        if len(of_items) != len(value):
+            return f"{len(of_items)} values"
+        wrongs = [_wrong(one, of) for one, of in zip(value, of_items, strict=True)]
         return next((f"{wrong}, each" for wrong in wrongs if wrong), "")
     if is_dataclass(hint) and isinstance(hint, type):
         return "" if isinstance(value, hint) else f"a {hint.__name__}"

@@ -116,8 +116,8 @@ def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camer
     tag = f"{camera:02d}"
     path = folder / "calib_cam_to_cam.txt"
     values = _read_calibration(path, {f"P_rect_{tag}": 12, "R_rect_00": 9, f"S_rect_{tag}": 2})
-    place = folder / "calib_velo_to_cam.txt"
-    velo = _read_calibration(place, {"R": 9, "T": 3})
+    lidar_file = folder / "calib_velo_to_cam.txt"
+    velo = _read_calibration(lidar_file, {"R": 9, "T": 3})
     velo["[R | T]"] = np.column_stack([velo["R"].reshape(3, 3), velo["T"]])
     width, height = values[f"S_rect_{tag}"].astype(int)
     if size != (height, width):
@@ -125,7 +125,7 @@ def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camer
             f"kitti: images of image_{tag} are {size[1]} x {size[0]}, but {path} says {width} x {height}: "
             "use the synced and rectified drive (..._sync), with the calibration of the same date"
         )
-    rect_from_velo = _rigid(path, values, "R_rect_00") @ _rigid(place, velo, "[R | T]")
+    rect_from_velo = _rigid(path, values, "R_rect_00") @ _rigid(lidar_file, velo, "[R | T]")
     return _pinhole(path, values, f"P_rect_{tag}", size=size, rect_from_velo=rect_from_velo)
 
 

@@ -190,9 +190,9 @@ def _place(rays: Rays, scan: Scan, s: _Surface, *, met_m: Float[Array, "*n"], tu
     """
     at = (rays.frame, s.row, s.column)
     range_m = jnp.where(s.hit, met_m, 0.0)
-    own = (rays.frame, rays.row, rays.column)
-    same = scan.hit[own] & s.hit & (scan.semantic[at] == scan.semantic[own])
-    same = same & (scan.instance[at] == scan.instance[own])
+    cell = (rays.frame, rays.row, rays.column)
+    same = scan.hit[cell] & s.hit & (scan.semantic[at] == scan.semantic[cell])
+    same = same & (scan.instance[at] == scan.instance[cell])
     of = (rays.frame, jnp.where(same, rays.row, s.row), jnp.where(same, rays.column, s.column))
     _, cosine = _meet(rays, scan, _surface(scan, of), turned=turn, moved=jnp.zeros_like(rays.moved_m))
     angle, intensity = scan.incidence_rad[of], scan.intensity[of]

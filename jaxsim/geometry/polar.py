@@ -271,7 +271,7 @@ def room_for(points: int, multiple: int = FILLED_TO) -> int:
     return max(-(-points // multiple), 1) * multiple
 
 
-def scan_on_window(cloud: Cloud, grid: PolarGrid, place: Float[np.ndarray, " rows"], *, lines: int) -> PolarImage:
+def scan_on_window(cloud: Cloud, grid: PolarGrid, row_share: Float[np.ndarray, " rows"], *, lines: int) -> PolarImage:
     """The image of a sweep on a window of its sensor's lines (host memory).
 
     `cloud.row` counts from the sensor's top line, of `lines` in all; `place` is each of the window's beams among them,
@@ -279,6 +279,6 @@ def scan_on_window(cloud: Cloud, grid: PolarGrid, place: Float[np.ndarray, " row
     """
     if cloud.row is not None:
         # The grid's rows count from the window's own first line.
-        first = round(float(place[0]) * (lines - 1))
+        first = round(float(row_share[0]) * (lines - 1))
         cloud = replace(cloud, row=(cloud.row - first).astype(np.int32))
     return jax.device_get(points_to_polar(pad_cloud(cloud), grid)[0])

@@ -212,16 +212,16 @@ def curve_chart(
         rim = [(across(x[k]), up(first[k] + band[k])) for k in run]
         rim += [(across(x[k]), up(first[k] - band[k])) for k in run[::-1]]
         canvas.area(rim, colour=lines[0][2], opacity=0.18)
-    for place, (_, values, colour) in enumerate(lines):
+    for order, (_, values, colour) in enumerate(lines):
         for run in _runs(np.isfinite(values)):
             if joined and len(run) > 1:
                 canvas.line([(across(x[k]), up(values[k])) for k in run], colour=colour, width=2)
             for k in run:
-                if not joined and place == 0:
+                if not joined and order == 0:
                     bar = [(across(x[k]), up(first[k] + sign * band[k])) for sign in (-1, 1)]
                     canvas.line(bar, colour=colour)
                 if not joined or len(x) <= 40:
-                    canvas.dot(across(x[k]), up(values[k]), colour=colour, radius=2.6, hollow=place == 0)
+                    canvas.dot(across(x[k]), up(values[k]), colour=colour, radius=2.6, hollow=order == 0)
     heads = [name for name, _, _ in lines]
     if len(x) <= MOST_LINES:
         canvas.rows = [(x_label, *heads, "half of the 90 % band")]

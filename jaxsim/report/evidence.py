@@ -89,7 +89,7 @@ def _rms(values: np.ndarray) -> float:
 def curves(lines: Iterable[CurveLine], draw: DrawChart) -> Markup:
     """Residuals along covariates, before and after."""
     parts = []
-    for place, curve in enumerate(lines):
+    for order, curve in enumerate(lines):
         axis = AXES.get(curve.covariate, Axis(curve.covariate))
         pair = (("before", np.asarray(curve.before, float), BEFORE), ("after", np.asarray(curve.after, float), AFTER))
         chart = curve_chart(
@@ -100,7 +100,7 @@ def curves(lines: Iterable[CurveLine], draw: DrawChart) -> Markup:
             y_label=curve.unit if curve.spread or curve.channel not in SIGN_WORDS else SIGN_WORDS[curve.channel].unit,
             joined=curve.covariate != "class",
             whole=curve.covariate in CATEGORICAL,
-            name=f"curve {place}" if curve.edges is not None else "",
+            name=f"curve {order}" if curve.edges is not None else "",
         )
         caption = f"{curve.channel.capitalize()} along {curve.covariate}: {curve.unit}."
         parts.append(draw(_curve(curve.channel, curve.covariate, spread=curve.spread), chart, caption))

@@ -253,7 +253,7 @@ def best_networks(rows: Sequence[AblationRow]) -> dict[str, str]:
             values[row.name]["frechet"] = row.frechet.value
     best = {}
     for name in values[rows[0].name]:
-        column = {who: own[name] * (1 if name in SMALLEST_BEST else -1) for who, own in values.items()}
+        column = {who: by_run[name] * (1 if name in SMALLEST_BEST else -1) for who, by_run in values.items()}
         first = [who for who, value in column.items() if value == min(column.values())]
         best[name] = first[0] if len(first) == 1 else ""
     return best

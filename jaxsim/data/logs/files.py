@@ -124,8 +124,8 @@ def read_las(file: Path, options: LogOptions) -> LogScan:
     # The standard scales intensity to 16 bits; many writers leave 0..255.
     largest = float(values["intensity"].max(initial=0)) if "intensity" in values else 0.0
     scale = _LAS_SCALE if largest > 255 else 255.0
-    place = str(file)
-    return scan_of_fields(values, options, by="las", where=place, name=file.stem, scene=_scene(file), full_scale=scale)
+    path, name = str(file), file.stem
+    return scan_of_fields(values, options, by="las", where=path, name=name, scene=_scene(file), full_scale=scale)
 
 
 def read_carla(file: Path, options: LogOptions) -> LogScan:
@@ -253,8 +253,8 @@ def _is_carla(path: Path) -> bool:
 
 def _about(path: Path) -> list[Path]:
     """attributes.json of a CARLA recording: its own, or of a folder of recordings those of all."""
-    own = (path if path.is_dir() else path.parent) / "attributes.json"
-    return [own] if own.is_file() else sorted(path.glob("*/attributes.json"))
+    description = (path if path.is_dir() else path.parent) / "attributes.json"
+    return [description] if description.is_file() else sorted(path.glob("*/attributes.json"))
 
 
 def _carla_items(path: Path, options: LogOptions) -> Iterator[Item]:

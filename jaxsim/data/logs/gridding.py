@@ -133,8 +133,10 @@ def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
     sizes = [len(p.xyz_m) for p in parts]
     fullest = int(np.argmax(sizes))
     one = slice(sum(sizes[:fullest]), sum(sizes[: fullest + 1]))
-    own = column_azimuths(azimuth[one], beams.rows_of(ring[one]), columns=options.columns or first.columns)
-    grid = PolarGrid(own.astype(np.float32), beams.elevation_rad.astype(np.float32), beams.origin_m.astype(np.float32))
+    azimuths = column_azimuths(azimuth[one], beams.rows_of(ring[one]), columns=options.columns or first.columns)
+    grid = PolarGrid(
+        azimuths.astype(np.float32), beams.elevation_rad.astype(np.float32), beams.origin_m.astype(np.float32)
+    )
     return Sensor(beams, grid, scale, pose, axis)
 
 

@@ -152,9 +152,9 @@ def evaluate(
                     minimum = least[kind][k]
                     if minimum not in known:
                         known[minimum] = _count(frames, flags, metric, minimum=minimum)
-                    place = {"kind": kind, "difficulty": name, "overlap_set": overlap_set, "min_overlap": minimum}
+                    criterion = {"kind": kind, "difficulty": name, "overlap_set": overlap_set, "min_overlap": minimum}
                     for measure in (metric, "aos") if metric == "bbox" and oriented else (metric,):
-                        curves.append(_curve(known[minimum], measure, **place))
+                        curves.append(_curve(known[minimum], measure, **criterion))
                     done()
     return curves
 
