@@ -93,7 +93,7 @@ def sensitivity(problem: Problem, effect: Effect) -> Sensitivity:
     needed, asked = needed_nats(effect, rows), []
     for values in _sizes(effect, rows):
         held, free = expected_gains(problem, effect, values)
-        asked.append((values, held, free, times_needed(free, needed)))
+        asked.append((values, held, free, _times(free, needed)))
         # Borders (a gate, a threshold) do nothing at half of a size: larger ones are asked until one could be seen.
         if held.sum() > RULES.bar_nats or (asked[-1][-1] or np.inf) <= 1:
             break
@@ -152,11 +152,17 @@ def needed_nats(effect: Effect, rows: int) -> float:
     return RULES.bar_nats + sum(int(np.prod(p.dims(rows))) for p in fitted_parameters(effect).values()) / 2
 
 
+def could_pass(effect: Effect, by_scene: Float[np.ndarray, " s"], *, rows: int) -> bool:
+    """Whether such gains could pass the bar and the test over scenes."""
+    times = _times(by_scene, needed_nats(effect, rows))
+    return times is not None and times <= 1
+
+
 def _size(change: Any) -> float:
     return float(np.sqrt(np.mean(np.square(change))))
 
 
-def times_needed(by_scene: Float[np.ndarray, " s"], needed: float) -> float | None:
+def _times(by_scene: Float[np.ndarray, " s"], needed: float) -> float | None:
     """The multiple of the size from which on naming could pass its bar and its test over scenes; None if never."""
     # Naming asks for the sum and for agreement: the weakest of the scenes that must agree decides.
     gained = np.where(np.abs(by_scene) > RULES.rounding_nats, by_scene, 0)

@@ -12,25 +12,20 @@ from jaxsim.discover.model.noise import MOST
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.sensitivity import (
     OF_MEAN,
+    _times,
     correlations,
+    could_pass,
     expected_gains,
     needed_nats,
     of_ranges,
     sensitivities,
     sensitivity,
-    times_needed,
     unrelated,
 )
 from jaxsim.effects import EFFECTS
 from tests.discover.toy import judged_toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
-
-
-def could_pass(effect, by_scene, *, rows):
-    """Whether an effect that is as large as it is could be named by these gains."""
-    times = times_needed(by_scene, needed_nats(effect, rows))
-    return times is not None and times <= 1
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +111,7 @@ def test_what_no_ray_shows_is_told_with_what_to_record(problem, effect, word):
 def test_what_rounding_leaves_is_no_gain():
     """Sums over rays that an effect does not touch end near zero, on one processor at it and on another beside it."""
     assert not could_pass(EFFECTS["packet_loss"], np.full(10, 4e-7), rows=16)
-    assert times_needed(np.full(10, 4e-7), needed=10.5) is None
+    assert _times(np.full(10, 4e-7), needed=10.5) is None
 
 
 def test_a_border_is_asked_where_it_does_something(problem):
