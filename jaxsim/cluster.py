@@ -29,7 +29,7 @@ Result_out = TypeVar("Result_out", covariant=True)
 
 ANSWER_S = 20
 """Seconds in which a scheduler has to answer."""
-SHOWN = 3
+FAILURES_TOLD = 3
 """Failures that a message tells of."""
 _opening = threading.Lock()
 
@@ -94,10 +94,10 @@ def spread(
     finally:
         client.close()
     if failures:
-        others = f" (and {len(failures) - SHOWN} more)" if len(failures) > SHOWN else ""
+        others = f" (and {len(failures) - FAILURES_TOLD} more)" if len(failures) > FAILURES_TOLD else ""
         raise ValueError(
             f"{by}: {len(failures)} of {len(items)} pieces of work failed, the others are done; the same command goes "
-            f"on with what is missing. {'; '.join(failures[:SHOWN])}{others}"
+            f"on with what is missing. {'; '.join(failures[:FAILURES_TOLD])}{others}"
         )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxsim.compilation import cache_folder
 
-NAME = "jaxsim-lidar"
+DISTRIBUTION = "jaxsim-lidar"
 SAMPLE_FRAME = 1920
 """A street of the embedded world that the packaged sensor has not learned from."""
 PROGRAM_OF = {
@@ -40,7 +40,7 @@ Lines = list[tuple[str, str]]
 def facts() -> Lines:
     """Versions, devices, the cache and the extras that are installed; nothing of them names a user's data."""
     needs, extras = requirements()
-    told = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *sparse_form(), *settings(), *cache()]
+    told = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *sparse_form(), *environment_settings(), *cache()]
     return [*told, *installed_extras(extras)]
 
 
@@ -48,10 +48,10 @@ def check_needs() -> None:
     """Raises ModuleNotFoundError where a package is missing that jaxsim needs."""
     missing = [name for name in requirements()[0] if version_of(name) is None]
     if missing:
-        raise ModuleNotFoundError(f"doctor: {', '.join(missing)} missing; pip install '{NAME}' brings them")
+        raise ModuleNotFoundError(f"doctor: {', '.join(missing)} missing; pip install '{DISTRIBUTION}' brings them")
 
 
-def requirements(package: str = NAME) -> tuple[list[str], dict[str, list[str]]]:
+def requirements(package: str = DISTRIBUTION) -> tuple[list[str], dict[str, list[str]]]:
     """Packages that a package needs, and those of each of its extras, by the installed distribution's own metadata.
 
     A package that is asked for with an extra of its own (`jax[cuda13]`) brings what that extra holds.
@@ -82,7 +82,7 @@ def machine() -> Lines:
     """Versions of jaxsim and Python, the system, and what of a machine it runs on."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30 if hasattr(os, "sysconf") else 0.0
     return [
-        ("jaxsim", version_of(NAME) or "not installed"),
+        ("jaxsim", version_of(DISTRIBUTION) or "not installed"),
         ("python", f"{platform.python_version()} ({sys.implementation.name})"),
         ("system", f"{platform.system()} {platform.release()}, {platform.machine()}"),
         ("machine", f"{os.cpu_count()} processors, {memory:.0f} GiB"),
@@ -116,7 +116,7 @@ def sparse_form() -> Lines:
         return [("sparse", "none: no device")]
 
 
-def settings() -> Lines:
+def environment_settings() -> Lines:
     """What the environment sets of JAX and of jaxsim; of most use where no device starts."""
     given = [name for name in os.environ if name.startswith(("JAX_", "XLA_", "CUDA_VISIBLE", "JAXSIM_"))]
     return [("settings", ", ".join(f"{name}={os.environ[name]}" for name in sorted(given)) or "none")]

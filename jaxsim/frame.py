@@ -24,6 +24,9 @@ no protocol that both satisfy has the arithmetic that kernels use; shapes and ty
 in the tests, for which `Float[Array, ...]` with `Any` accepts both. Where only one may come, write jax.Array or
 np.ndarray."""
 
+CLASSES = 34
+"""Cityscapes ids 0..33, in every raster `semantic`."""
+
 
 def in_notebook(value: Any) -> str:
     """HTML of a cloud, a frame or a result. Its maker, the report, stands above all that it shows, so it is looked up

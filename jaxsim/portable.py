@@ -26,7 +26,7 @@ from jaxsim.files import need, replacing, write_text
 from jaxsim.frame import Array
 from jaxsim.pix2pix import make_generate
 from jaxsim.pix2pix.convolution import for_any_device
-from jaxsim.prepare import CHANNELS, input_channels
+from jaxsim.prepare import INPUT_CHANNELS, input_channels
 from jaxsim.simulate import LearnedSensor
 
 _Form = Literal["stablehlo", "onnx"]
@@ -45,7 +45,7 @@ INLINED = (
     "remat",
     "checkpoint",
 )
-SAME = {
+TWINS = {
     "add": "Add", "sub": "Sub", "mul": "Mul", "div": "Div", "max": "Max", "min": "Min", "pow": "Pow", "neg": "Neg",
     "exp": "Exp", "log": "Log", "tanh": "Tanh", "sqrt": "Sqrt", "abs": "Abs", "sign": "Sign", "logistic": "Sigmoid",
     "erf": "Erf", "floor": "Floor", "stop_gradient": "Identity", "copy": "Identity", "copy_p": "Identity",
@@ -105,8 +105,8 @@ def describe_network(sensor: LearnedSensor) -> dict[str, Any]:
     prepare = sensor.run.experiment.prepare
     names = []
     for name in prepare.inputs:
-        count = CHANNELS[name] or len(prepare.classes)
-        kinds = [f"{name} {k}" for k in (range(count) if CHANNELS[name] else prepare.classes)]
+        count = INPUT_CHANNELS[name] or len(prepare.classes)
+        kinds = [f"{name} {k}" for k in (range(count) if INPUT_CHANNELS[name] else prepare.classes)]
         names += [name] if count == 1 else kinds
     distribution = sensor.run.experiment.generator.channels > len(QUANTILES)
     meaning = (
@@ -218,8 +218,8 @@ def _equation(graph: Graph, equation: Any, given: list[_Value]) -> list[_Value]:
     shape = tuple(equation.outvars[0].aval.shape)
     if 0 in shape:  # which Reshape would take for "as before"
         return [np.zeros(shape, equation.outvars[0].aval.dtype)]
-    if name in SAME:
-        return [graph.add(SAME[name], *given)]
+    if name in TWINS:
+        return [graph.add(TWINS[name], *given)]
     if name in REDUCED:
         return [graph.add(REDUCED[name], given[0], np.array(parameters["axes"], np.int64), keepdims=0)]
     if name not in TRANSLATED:

@@ -167,22 +167,22 @@ def write_rrd(path: Path, clouds: Iterable[Stamped]) -> int:
     return count
 
 
-WHOLE = {"mcap": write_mcap, "osi": write_osi, "rrd": write_rrd}
+WHOLE_FILE = {"mcap": write_mcap, "osi": write_osi, "rrd": write_rrd}
 """Forms that hold all frames in one file."""
 
 
 def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int = 0) -> int:
     """Writes a folder's polar frames as clouds, with ring and time a point; how many there are.
 
-    `out` is one file where `to` is one of WHOLE, else a folder of files NAME.`to`, of which those that are there are
-    not written again. Every `every`-th frame is taken, and at most `most` (0: all). Raises ValueError for a folder
+    `out` is one file where `to` is one of WHOLE_FILE, else a folder of files NAME.`to`, of which those that are there
+    are not written again. Every `every`-th frame is taken, and at most `most` (0: all). Raises ValueError for a folder
     without frames, ModuleNotFoundError where the form's own library is not installed.
     """
     frames = open_polar_frames(folder)
     names = frames.names[::every][: most or None]
     bar = Progress(names, unit="cloud", desc="writing")
-    if to in WHOLE:
-        return WHOLE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
+    if to in WHOLE_FILE:
+        return WHOLE_FILE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
     for name in bar:
         path = file_of(out, name, f".{to}", by="frames")
         if not path.is_file():

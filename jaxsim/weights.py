@@ -21,6 +21,10 @@ from jaxsim.files import array_names, check_size, parse_json, placed, read_array
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
 _Network = TypeVar("_Network")
+Values = dict[str, Any]
+"""A network's parameters and statistics: nested dicts by published names."""
+RUNNING = ("running_mean", "running_var")
+"""What PyTorch calls the statistics that a batch norm keeps."""
 ABOUT = "about"
 AGAIN = "convert or copy it again"
 MOST_BYTES = 2**30
@@ -113,11 +117,11 @@ def checked_arrays(arrays: Arrays, shapes: Shapes) -> Arrays:
     prefix = prefixes.pop() if probe not in arrays and len(prefixes) == 1 else ""
     faults = []
     for name, shape in shapes.items():
-        found = arrays.get(prefix + name)
-        if found is None or found.shape != shape:
-            faults.append(f"{name} is {'missing' if found is None else found.shape}, not {shape}")
-        elif found.dtype.kind not in "fiu" or not np.isfinite(found).all():
-            what = found.dtype if found.dtype.kind not in "fiu" else "NaN or infinite numbers"
+        array = arrays.get(prefix + name)
+        if array is None or array.shape != shape:
+            faults.append(f"{name} is {'missing' if array is None else array.shape}, not {shape}")
+        elif array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+            what = array.dtype if array.dtype.kind not in "fiu" else "NaN or infinite numbers"
             faults.append(f"{name} holds {what}, not finite numbers")
     if faults:
         more = f"; and {len(faults) - 5} more" if len(faults) > 5 else ""

@@ -108,3 +108,24 @@ def test_every_name_of_several_is_given_its_value_in_sight(module):
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Tuple | ast.List):
             assert not isinstance(node.value, ast.GeneratorExp), f"{module}:{node.lineno}"
             assert not (isinstance(node.value, ast.Tuple) and len(node.value.elts) > 2), f"{module}:{node.lineno}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_function_works_on_the_host_or_on_the_device(module):
+    """Types in signatures may be of both."""
+    for node in ast.walk(tree(module)):
+        if isinstance(node, ast.FunctionDef):
+            parts = [*node.body, *node.args.defaults, *(one for one in node.args.kw_defaults if one)]
+            assert not {"np", "jnp"} <= {name for part in parts for name in modules_used(part)}, (
+                f"{module}:{node.lineno} {node.name}"
+            )
+
+
+def modules_used(part: ast.AST) -> set[str]:
+    """Names whose attributes are taken in a piece of code, its annotations left out."""
+    if isinstance(part, ast.arguments | ast.AnnAssign):
+        values = [*part.defaults, *part.kw_defaults] if isinstance(part, ast.arguments) else [part.value]
+        return {name for value in values if value for name in modules_used(value)}
+    own = {part.value.id} if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) else set()
+    inner = [child for child in ast.iter_child_nodes(part) if child is not getattr(part, "returns", None)]
+    return own.union(*(modules_used(child) for child in inner))

@@ -30,7 +30,7 @@ from benchmarks.blind import hidden
 from benchmarks.blind.tables import rate
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.discover.gate import (
-    CHANNELS,
+    DISTANCE_UNITS,
     NOT_NAMED,
     Gate,
     check_distances,
@@ -87,7 +87,7 @@ def halves(row: Row) -> list[dict[str, Interval]]:
     table = np.array(row["streets"])
     cut = len(table) // 2
     return [
-        {name: distance_of(part[:, k], unit) for k, (name, unit) in enumerate(CHANNELS.items())}
+        {name: distance_of(part[:, k], unit) for k, (name, unit) in enumerate(DISTANCE_UNITS.items())}
         for part in (table[:cut], table[cut:])
     ]
 

@@ -33,14 +33,14 @@ from jaxsim.discover import Comparison, read_comparison
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.read import NOTHING_YET, Division
 from jaxsim.discover.repeats.examine import Dense
-from jaxsim.discover.repeats.find import LEAST, ChannelScales, find_repeats
+from jaxsim.discover.repeats.find import LEAST_HEIGHT, ChannelScales, find_repeats
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import signs_of
 
 Row = dict[str, Any]
 Pattern = Float[np.ndarray, "r c"]
 NUISANCES = ("exact", "misspecified")
-NO_FLOOR = dict.fromkeys(LEAST, 0.0)
+NO_FLOOR = dict.fromkeys(LEAST_HEIGHT, 0.0)
 LEVELS = (0.02, 0.1, 0.5)
 """Probabilities at which p-values of nulls are counted: as often as they say, if they are exact."""
 

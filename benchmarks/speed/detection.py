@@ -21,7 +21,7 @@ import numpy as np
 import tyro
 from timing import interleave
 
-from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, Objects, evaluate
+from jaxsim.metrics.detection import DIFFICULTIES, METRICS, OVERLAP_SETS, SCORED, Objects, evaluate
 from jaxsim.metrics.detection.matching import detection_flags, dont_care, thresholds, truth_flags
 
 KINDS = ("Car", "Car", "Car", "Car", "Van", "Pedestrian", "Pedestrian", "Person_sitting", "Cyclist", "DontCare")
@@ -40,7 +40,7 @@ def street(rng: np.random.Generator, frames: int, per_frame: int) -> tuple[Objec
     source = (np.arange(frames)[:, None] * 10 + rng.integers(0, 10, (frames, per_frame))).ravel()
     n = len(source)
     away = np.where(rng.random((n, 1)) < 0.3, rng.normal(0, 6, (n, 3)), rng.normal(0, 0.15, (n, 3))) * (1, 0.1, 1)
-    named = np.where(rng.random(n) < 0.1, rng.choice(list(CLASSES), n), kind[source])
+    named = np.where(rng.random(n) < 0.1, rng.choice(list(SCORED), n), kind[source])
     found = objects(
         names, np.repeat(np.arange(frames), per_frame), named, centre[source] + away,
         size[source] * rng.normal(1, 0.05, (n, 3)), yaw[source] + rng.normal(0, 0.1, n), np.zeros(n), rng,
@@ -166,7 +166,7 @@ def in_numba(truth: Objects, found: Objects) -> dict[tuple[str, str, str, str], 
     overlap = np.zeros((4, len(truth.frame), int(np.diff(ds).max())))
     _overlaps(truth.bbox_px, g3, found.bbox_px, d3, gs, ds, overlap)
     dc, scores = dont_care(truth, "official"), {}
-    for kind in CLASSES:
+    for kind in SCORED:
         for difficulty, limits in DIFFICULTIES.items():
             gf, df = truth_flags(truth, kind, limits, rules="official"), detection_flags(found, kind, limits)
             for m, metric in enumerate(METRICS):

@@ -21,7 +21,7 @@ import numpy as np
 from timing import interleave
 
 from jaxsim.cloud.pseudo_lidar import depth_to_cloud
-from jaxsim.cloud.sparsify import LINES, PUBLISHED_RANGE_M, crop_cloud, sparsify
+from jaxsim.cloud.sparsify import PATTERNS, PUBLISHED_RANGE_M, crop_cloud, sparsify
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import Cloud
 from jaxsim.geometry import preset, window_grid
@@ -91,7 +91,7 @@ def main() -> None:
     dense = jax.block_until_ready(depth_to_cloud(camera, street(np.random.default_rng(0)), np.ones((375, 1242), bool)))
     points = np.asarray(dense.xyz_m)[np.asarray(dense.valid)]
     cloud = jax.device_put(Cloud(points, np.zeros(len(points), np.float32), np.ones(len(points), bool)))
-    even, _ = LINES["64"]
+    even, _ = PATTERNS["64"]
     beams = window_grid(preset("hdl64e"), math.radians(45), math.radians(-45), columns=512)
 
     def last(cloud: Cloud) -> Cloud:

@@ -31,14 +31,14 @@ CONVERTERS: dict[str, Converter] = {
 
 NETWORK = "generator"
 """A run's own network, which is converted the other way."""
-KINDS = "\n\n".join(f"    {kind:23} {c.title}: {c.fetch}" for kind, c in CONVERTERS.items())
+CONVERTER_LINES = "\n\n".join(f"    {kind:23} {c.title}: {c.fetch}" for kind, c in CONVERTERS.items())
 
 
 @dataclass(frozen=True)
 class Convert:
     __doc__ = f"""Converts published weights to one .npz of plain arrays, after checking every name and shape.
 
-{KINDS}
+{CONVERTER_LINES}
 
     PyTorch files need PyTorch (pip install 'jaxsim-lidar[convert]') and are read with weights_only=True; a .npz of the
     same names needs nothing.

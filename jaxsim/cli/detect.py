@@ -11,7 +11,8 @@ import tyro
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.evaluate.cloud_folder import CloudFolder, clouds_in, detect_folder
 from jaxsim.evaluate.detector import load_detector
-from jaxsim.report.detected import PAGE, write_detected
+from jaxsim.report.detected import write_detected
+from jaxsim.report.scenes import CLOUDS_PAGE
 
 
 @dataclass(frozen=True)
@@ -60,14 +61,14 @@ class Detect(Checked):
         kind = experiment.detector.anchors.kind
         files = clouds_in(self.clouds)
         self.folder.claim(self.out, learned, detector=str(self.detector), step=self.step or "latest")
-        found = detect_folder(self.folder, learned, self.out)
+        detections = detect_folder(self.folder, learned, self.out)
         drawn = files[: self.pictures]
-        if drawn and (found.clouds or not (self.out / PAGE).is_file()):
+        if drawn and (detections.clouds or not (self.out / CLOUDS_PAGE).is_file()):
             sentence = f"{kind}s that {self.detector.name} finds in clouds of {self.clouds.name}."
             write_detected(self.folder, drawn, self.out, experiment=experiment, sentence=sentence)
-        kept = f"{len(files) - found.clouds} clouds were there"
-        print(f"{found.objects} of {kind} in {found.clouds} clouds; {kept}: {self.out / 'results'}")
-        if found.clouds and not self.calib:
+        already = f"{len(files) - detections.clouds} clouds were there"
+        print(f"{detections.objects} of {kind} in {detections.clouds} clouds; {already}: {self.out / 'results'}")
+        if detections.clouds and not self.calib:
             print("no --calib: boxes are those of a camera that stands in the LiDAR, without rectangles in an image")
             if experiment.in_image:
                 print("note: this detector learned from what a camera sees; without --calib it gets the whole cloud")

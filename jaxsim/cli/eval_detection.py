@@ -9,7 +9,7 @@ from jaxsim.cli.source import DataSource
 from jaxsim.evaluate.detector import mean_curves
 from jaxsim.evaluate.runs import mean_words, score_checkpoints
 from jaxsim.files import file_of
-from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, MatchingRules, evaluate
+from jaxsim.metrics.detection import DIFFICULTIES, METRICS, OVERLAP_SETS, SCORED, MatchingRules, evaluate
 from jaxsim.metrics.detection.files import frame_list, frames_with_results, read_detections, read_truth
 from jaxsim.progress import Progress
 from jaxsim.report import detection_picture, detection_table, mean_table, save_picture, write_detection
@@ -36,7 +36,7 @@ class Detection:
     frames that have a file of detections, as the official tool does."""
     rules: MatchingRules = "official"
     """The official tool's, or OpenPCDet's (heights of exactly 25 or 40 px, the case of DontCare, float occlusions)."""
-    classes: tuple[str, ...] = tuple(CLASSES)
+    classes: tuple[str, ...] = tuple(SCORED)
     """Classes to score."""
     out: Path | None = None
     """Where to write; by default beside the folder of detections, in NAME_evaluation."""

@@ -10,7 +10,7 @@ import tyro
 
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data.logs import LogOptions, source_for, source_table, write_log
-from jaxsim.recordings import WHOLE, export_frames
+from jaxsim.recordings import WHOLE_FILE, export_frames
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Frames(Checked):
 
     @property
     def writes_to(self) -> Path | None:
-        return None if self.list or self.to in WHOLE else self.out
+        return None if self.list or self.to in WHOLE_FILE else self.out
 
     def __call__(self) -> None:
         if self.list:

@@ -16,7 +16,8 @@ from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
-from jaxsim.report.simulated import PAGE, draw_simulated, write_simulated
+from jaxsim.report.scenes import CLOUDS_PAGE
+from jaxsim.report.simulated import draw_simulated, write_simulated
 from jaxsim.simulate.folder import FrameMaker, data_words, simulate_folder
 from jaxsim.simulate.grain import read_grain
 from jaxsim.simulate.sensor import LearnedSensor, Projection, load
@@ -72,7 +73,7 @@ class Simulate(Checked):
 
     def __call__(self) -> None:
         maker = self.maker(load)
-        of_run, page = maker.learned.run.experiment.data, self.out / PAGE
+        of_run, page = maker.learned.run.experiment.data, self.out / CLOUDS_PAGE
         positions = self.data.choose(maker.dataset, of_run, frames=self.frames)
         data = data_words(self.data.config(of_run), self.projection)
         elsewhere = partial(on_cluster, address=self.cluster, command=self, by="simulate") if self.cluster else None

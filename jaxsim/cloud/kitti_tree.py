@@ -22,7 +22,7 @@ from jaxsim.files import claim, files_in, parse_json, write_image, write_text
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud
 from jaxsim.geometry.points import check_points
 
-SUFFIXES = {"velodyne": ".bin", "calib": ".txt", "image_2": ".png", "label_2": ".txt"}
+SUFFIX_OF = {"velodyne": ".bin", "calib": ".txt", "image_2": ".png", "label_2": ".txt"}
 """Folders of a frame's files; the label is written last, so that a frame that has one is whole."""
 REACH_M = 80.0
 """Objects farther than this are left out, as in the paper."""
@@ -31,7 +31,7 @@ _DONT_CARE = "-1 -1 -10 {} -1 -1 -1 -1000 -1000 -1000 -10"
 
 def files_of(root: Path, number: str) -> list[Path]:
     """Files of a frame, the label last."""
-    return [root / "training" / folder / f"{number}{suffix}" for folder, suffix in SUFFIXES.items()]
+    return [root / "training" / folder / f"{number}{suffix}" for folder, suffix in SUFFIX_OF.items()]
 
 
 def write_kitti_frame(
@@ -185,7 +185,7 @@ class TreeRecord:
             # A tree that holds no frame yet may become another.
             return content["settings"] if frames or written else settings
 
-        written = any(files_in(out / "training" / folder, suffix) for folder, suffix in SUFFIXES.items())
+        written = any(files_in(out / "training" / folder, suffix) for folder, suffix in SUFFIX_OF.items())
         filled = path.is_file() or written
         claim(path, settings, by="export", filled=filled, read=read)
         return cls(settings, frames)

@@ -37,7 +37,7 @@ class EvenLines:
     """Left edge of the first column; the last ends as far to the right."""
 
 
-LINES: dict[str, tuple[EvenLines, tuple[int, ...] | None]] = {
+PATTERNS: dict[str, tuple[EvenLines, tuple[int, ...] | None]] = {
     "64": (EvenLines(), None),
     "32_of_64": (EvenLines(), tuple(range(0, 64, 2))),
     "32_wide": (EvenLines(rows=32, step_deg=0.8), None),

@@ -25,7 +25,7 @@ NotNegative = Annotated[float, Ge(0)]
 Share = Annotated[float, Ge(0), Le(1)]
 
 
-MOST = 1e12
+MOST_SETTING = 1e12
 """No setting is larger, whatever it is of: a seed, a rate, a number of steps."""
 
 
@@ -75,10 +75,10 @@ def _wrong(value: Any, hint: Any) -> str:
     if origin is Literal:
         return "" if value in arguments else f"one of {', '.join(map(str, arguments))}"
     if origin is tuple and isinstance(value, tuple):
-        own = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
-        if len(own) != len(value):
-            return f"{len(own)} values"
-        wrongs = [_wrong(one, of) for one, of in zip(value, own, strict=True)]
+        of_items = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
+        if len(of_items) != len(value):
+            return f"{len(of_items)} values"
+        wrongs = [_wrong(one, of) for one, of in zip(value, of_items, strict=True)]
         return next((f"{wrong}, each" for wrong in wrongs if wrong), "")
     if is_dataclass(hint) and isinstance(hint, type):
         return "" if isinstance(value, hint) else f"a {hint.__name__}"
@@ -89,7 +89,7 @@ def _wrong(value: Any, hint: Any) -> str:
         size = abs(int(value)) if isinstance(value, Integral) else abs(float(value))
         if isinstance(size, float) and not math.isfinite(size):
             return "a finite number"
-        return f"within {MOST:g}" if size > MOST else ""
+        return f"within {MOST_SETTING:g}" if size > MOST_SETTING else ""
     return ""
 
 

@@ -22,7 +22,7 @@ from jaxsim.frame import Camera, CameraFrame
 _Raster = Int[np.ndarray, "h w"]
 _Real = int | float
 
-FAR_M = 1000.0
+FAR_PLANE_M = 1000.0
 """Depth of the far plane: the sky."""
 TAGS_0_9_14 = (
     *("unlabeled", "road", "sidewalk", "building", "wall", "fence", "pole", "traffic light", "traffic sign"),
@@ -58,9 +58,9 @@ def decode_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[np.ndarray, "h 
             "carla: red, green and blue of the depth buffer are alike everywhere: this is ColorConverter.Depth's or "
             "LogarithmicDepth's picture; pass the raw buffer (ColorConverter.Raw), which has 24 bits"
         )
-    # 24 bits over 0 .. FAR_M; the largest is the far plane, which is the sky.
+    # 24 bits over 0 .. FAR_PLANE_M; the largest is the far plane, which is the sky.
     code = red + 256 * green + 65536 * blue
-    return (code * (FAR_M / (2**24 - 1))).astype(np.float32), code < 2**24 - 1
+    return (code * (FAR_PLANE_M / (2**24 - 1))).astype(np.float32), code < 2**24 - 1
 
 
 def read_semantic(raw: Any, size: tuple[int, int], *, version: str) -> _Raster:

@@ -23,6 +23,7 @@ IDS: dict[str, int] = {
         )
     )
 }
+NAMES = {number: name for name, number in IDS.items()}
 TRAIN_CLASSES = (
     *("road", "sidewalk", "building", "wall", "fence", "pole", "traffic light", "traffic sign", "vegetation"),
     *("terrain", "sky", "person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle"),

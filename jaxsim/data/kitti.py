@@ -155,10 +155,10 @@ class KittiObject:
         places: dict[str, dict[str, int]] = {}
         for position, scan in enumerate(self._frames):
             places.setdefault(scan.parent.parent.name, {})[scan.stem] = position
-        splits = {name: list(place.values()) for name, place in places.items()}
+        splits = {name: list(numbers.values()) for name, numbers in places.items()}
         for path in files_in(self.root / "ImageSets", ".txt"):
-            place = places.get("testing" if path.stem == "test" else "training", {})
-            splits[path.stem] = [place[n] for n in read_list(path) if n in place]
+            numbers = places.get("testing" if path.stem == "test" else "training", {})
+            splits[path.stem] = [numbers[n] for n in read_list(path) if n in numbers]
         return splits
 
 

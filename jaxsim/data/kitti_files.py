@@ -19,8 +19,8 @@ from jaxsim.frame import Boxes, Camera
 from jaxsim.geometry import camera_from_projection
 from jaxsim.geometry.points import check_points
 
-KINDS = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc", "DontCare")
-COLUMNS = (
+OBJECT_KINDS = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc", "DontCare")
+LABEL_COLUMNS = (
     *("truncated", "occluded", "alpha", "left", "top", "right", "bottom"),
     *("height", "width", "length", "x", "y", "z", "rotation_y"),
 )
@@ -116,8 +116,8 @@ def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camer
     tag = f"{camera:02d}"
     path = folder / "calib_cam_to_cam.txt"
     values = _read_calibration(path, {f"P_rect_{tag}": 12, "R_rect_00": 9, f"S_rect_{tag}": 2})
-    place = folder / "calib_velo_to_cam.txt"
-    velo = _read_calibration(place, {"R": 9, "T": 3})
+    lidar_file = folder / "calib_velo_to_cam.txt"
+    velo = _read_calibration(lidar_file, {"R": 9, "T": 3})
     velo["[R | T]"] = np.column_stack([velo["R"].reshape(3, 3), velo["T"]])
     width, height = values[f"S_rect_{tag}"].astype(int)
     if size != (height, width):
@@ -125,7 +125,7 @@ def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camer
             f"kitti: images of image_{tag} are {size[1]} x {size[0]}, but {path} says {width} x {height}: "
             "use the synced and rectified drive (..._sync), with the calibration of the same date"
         )
-    rect_from_velo = _rigid(path, values, "R_rect_00") @ _rigid(place, velo, "[R | T]")
+    rect_from_velo = _rigid(path, values, "R_rect_00") @ _rigid(lidar_file, velo, "[R | T]")
     return _pinhole(path, values, f"P_rect_{tag}", size=size, rect_from_velo=rect_from_velo)
 
 
@@ -203,8 +203,8 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
     """Objects of numbered lines in the order of the object benchmark's 15 columns."""
     values = np.zeros((len(rows), 14))
     for k, (line, row) in enumerate(rows):
-        if row[0] not in KINDS:
-            raise ValueError(f"kitti: {path}, line {line}: unknown kind {row[0]!r}; known: {', '.join(KINDS)}")
+        if row[0] not in OBJECT_KINDS:
+            raise ValueError(f"kitti: {path}, line {line}: unknown kind {row[0]!r}; known: {', '.join(OBJECT_KINDS)}")
         values[k] = numbers(row[1:], where=f"kitti: {path}, line {line}")
         _check_numbers(path, line, row, numbers=values[k])
     kinds = tuple(row[0] for _, row in rows)
@@ -236,14 +236,14 @@ def _check_numbers(path: Path, line: int, row: list[str], *, numbers: Float[np.n
     if not np.isfinite(numbers).all():
         bad = int(np.argmin(np.isfinite(numbers)))
         raise ValueError(
-            f"kitti: {path}, line {line}: {COLUMNS[bad]} of {row[0]} is {row[bad + 1]}; it must be finite: mend the "
-            "label or leave the object out"
+            f"kitti: {path}, line {line}: {LABEL_COLUMNS[bad]} of {row[0]} is {row[bad + 1]}; it must be finite: mend "
+            "the label or leave the object out"
         )
     if np.abs(numbers).max() > MOST:
         bad = int(np.argmax(np.abs(numbers)))
         raise ValueError(
-            f"kitti: {path}, line {line}: {COLUMNS[bad]} of {row[0]} is {row[bad + 1]}; no metre, pixel or radian of a "
-            f"label is beyond {MOST:g}: mend the label or leave the object out"
+            f"kitti: {path}, line {line}: {LABEL_COLUMNS[bad]} of {row[0]} is {row[bad + 1]}; no metre, pixel or "
+            f"radian of a label is beyond {MOST:g}: mend the label or leave the object out"
         )
     if row[0] == "DontCare":
         return

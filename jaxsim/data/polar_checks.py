@@ -8,22 +8,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.data.cityscapes import IDS
 from jaxsim.files import check_keys, real
+from jaxsim.frame import CLASSES
 from jaxsim.geometry.points import FAR_M
 
 SEE = "`jaxsim discover --help` tells the format"
-CLASSES = len(IDS)
 LOW_ORIGIN_M = 10.0
 """Beams' origins lie within this of the cloud's: more is millimetres."""
 
 SHAPES = {"range": 2, "intensity": 2, "incidence": 2, "semantic": 2, "instance": 2, "time": 2, "rgb": 3}
 """Dimensions of each raster of the format; rgb's third is its three channels."""
-ABOUT = ("scene", "time", "speed", "heading", "tags")
+ABOUT_KEYS = ("scene", "time", "speed", "heading", "tags")
 LATEST_S = 1e10
 """Seconds since 1970 in the year 2286: a time beyond is in another unit."""
 """What grid.json may say of a frame."""
-WHOLE = ("semantic", "instance")
+ID_RASTERS = ("semantic", "instance")
 """Rasters of ids."""
 FASTEST_MPS = 150.0
 """No car that carries a LiDAR drives faster: 540 km/h."""
@@ -90,7 +89,7 @@ def check_about(path: Path, frames: dict[str, Any]) -> None:
                 f"polar frames: {path}: frames[{name!r}] is {as_given(entry)}; it must be an object with any of scene, "
                 f"time, speed, heading and tags; {SEE}"
             )
-        check_keys(entry, ABOUT, where=f"polar frames: {path}: frames[{name!r}]")
+        check_keys(entry, ABOUT_KEYS, where=f"polar frames: {path}: frames[{name!r}]")
         scene = entry.get("scene", "")
         if not isinstance(scene, str | int) or isinstance(scene, bool):
             raise ValueError(
@@ -152,7 +151,7 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             f"polar frames: {path}: intensity spans {span_in_words(intensity)}; it must lie in 0..1 "
             "(divide by your sensor's scale; 0 where nothing returned)"
         )
-    for name in [name for name in WHOLE if name in arrays]:
+    for name in [name for name in ID_RASTERS if name in arrays]:
         if not np.isfinite(arrays[name]).all() or (arrays[name] != np.round(arrays[name])).any():
             raise ValueError(
                 f"polar frames: {path}: {name} spans {span_in_words(arrays[name])}; it must hold whole numbers (ids)"

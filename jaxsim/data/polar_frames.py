@@ -24,7 +24,7 @@ from jaxsim.geometry import same_grid
 REQUIRED = ("range", "intensity")
 KEYS = ("azimuth", "elevation", "origin", "frames")
 """Keys of a grid.json."""
-SHARE = 0.05
+WRITING_SHARE = 0.05
 """Of the time that writing may take: grid.json of 100 000 frames has 10 MB, and a batch more would write all of it."""
 
 
@@ -177,7 +177,7 @@ class Announced:
         self.write()
 
     def add(self, about: Mapping[str, dict[str, Any]]) -> None:
-        """Adds frames, by name; they are written down now, or within the time that SHARE gives."""
+        """Adds frames, by name; they are written down now, or within the time that WRITING_SHARE gives."""
         self.frames |= about
         self.pending = True
         if time.monotonic() >= self._next_s:
@@ -190,4 +190,4 @@ class Announced:
         begun = time.monotonic()
         write_grid(self.folder, self.grid, frames=self.frames)
         ended = time.monotonic()
-        self.pending, self._next_s = False, ended + (ended - begun) / SHARE
+        self.pending, self._next_s = False, ended + (ended - begun) / WRITING_SHARE

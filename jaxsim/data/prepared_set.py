@@ -57,7 +57,7 @@ class PreparedSet:
             check_metadata(self.about)
         self._check_files()
         splits = self.about.splits
-        self._place = {p: (split, i) for split, own in splits.items() for i, p in enumerate(own.positions)}
+        self._place = {p: (split, i) for split, part in splits.items() for i, p in enumerate(part.positions)}
 
     def __len__(self) -> int:
         return self.about.length
@@ -70,8 +70,8 @@ class PreparedSet:
     @property
     def splits(self) -> dict[str, list[int]]:
         """Positions by part."""
-        own = {name: list(split.positions) for name, split in self.about.splits.items()}
-        return {name: list(positions) for name, positions in self.about.parts.items()} | own
+        of_splits = {name: list(split.positions) for name, split in self.about.splits.items()}
+        return {name: list(positions) for name, positions in self.about.parts.items()} | of_splits
 
     def __getitem__(self, index: int) -> Frame:
         raise ValueError(

@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.files import files_in, parse_json, read_arrays, read_text
 from jaxsim.geometry.points import FAR_M
 
-NAMES = "classes.json"
-CHANNELS = ("x", "y", "z", "intensity", "range", "label")
+CLASSES_FILE = "classes.json"
+CELL_FIELDS = ("x", "y", "z", "intensity", "range", "label")
 EIGHT_BITS = 255.0
 MOST_CLASSES = 256
 
@@ -44,7 +44,7 @@ def range_image_files(folder: Path) -> list[Path]:
     if not files:
         raise ValueError(
             f"range images: no NAME.npz in {folder}; expected files whose `scan` is (rows, columns, 6): "
-            f"{', '.join(CHANNELS)}"
+            f"{', '.join(CELL_FIELDS)}"
         )
     return files
 
@@ -67,7 +67,7 @@ def class_names(folder: Path, classes: int) -> tuple[str, ...]:
 
     Raises ValueError where the file names fewer, or is no list of names.
     """
-    path = folder / NAMES
+    path = folder / CLASSES_FILE
     if not path.is_file():
         return tuple(f"class {number}" for number in range(classes))
     names = parse_json(read_text(path, by="range images"))
@@ -92,12 +92,12 @@ def read_range_image(path: Path, scale: float) -> RangeImage:
 def _scan(path: Path) -> Float[np.ndarray, "rows columns 6"]:
     arrays = read_arrays(path, ("scan",), by="range images")
     if "scan" not in arrays:
-        raise ValueError(f"range images: {path} has no array `scan`: (rows, columns, 6): {', '.join(CHANNELS)}")
+        raise ValueError(f"range images: {path} has no array `scan`: (rows, columns, 6): {', '.join(CELL_FIELDS)}")
     scan = np.asarray(arrays["scan"])
-    if scan.ndim != 3 or scan.shape[2] != len(CHANNELS) or scan.dtype.kind not in "fiu" or not scan.size:
+    if scan.ndim != 3 or scan.shape[2] != len(CELL_FIELDS) or scan.dtype.kind not in "fiu" or not scan.size:
         raise ValueError(
             f"range images: scan in {path} is {scan.dtype} of {scan.shape}; expected numbers of (rows, columns, 6): "
-            f"{', '.join(CHANNELS)}"
+            f"{', '.join(CELL_FIELDS)}"
         )
     scan = scan.astype(np.float32)
     if not np.isfinite(scan).all():

@@ -39,7 +39,7 @@ _NUMBERS: dict[str, tuple[int, ...]] = {
     "pole": (80,),
     "traffic sign": (81,),
 }
-CLASSES = {number: name for name, numbers in _NUMBERS.items() for number in numbers}
+NAME_OF_NUMBER = {number: name for name, numbers in _NUMBERS.items() for number in numbers}
 """Name of the Cityscapes class by the number in the file."""
 LEARNING_CLASSES = (
     *("unlabeled", "car", "bicycle", "motorcycle", "truck", "trailer", "person", "rider", "rider"),
@@ -53,7 +53,7 @@ VALIDATION = ("08",)
 
 _BYTES = 4
 _FROM_FILE = np.full(2**16, -1, np.int32)
-_FROM_FILE[list(CLASSES)] = [IDS[name] for name in CLASSES.values()]
+_FROM_FILE[list(NAME_OF_NUMBER)] = [IDS[name] for name in NAME_OF_NUMBER.values()]
 
 
 def read_point_labels(path: Path, points: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
@@ -73,7 +73,7 @@ def read_point_labels(path: Path, points: int) -> tuple[Int[np.ndarray, " n"], I
         strange = np.unique(values[semantic < 0] & 0xFFFF)
         raise ValueError(
             f"semantickitti: {path} has class {', '.join(map(str, strange[:6]))}, which is none of the set's; known: "
-            f"{', '.join(map(str, CLASSES))}"
+            f"{', '.join(map(str, NAME_OF_NUMBER))}"
         )
     # An object is told by its class and number: the set counts within a class.
     is_object = values >> 16 > 0

@@ -76,7 +76,7 @@ class About:
     """Whether every frame has class labels."""
 
 
-ABOUT = TypeAdapter(About)
+ABOUT_ADAPTER = TypeAdapter(About)
 
 
 @dataclass(frozen=True)
@@ -134,16 +134,18 @@ def check_features(folder: Path) -> None:
 
 def check_metadata(about: About) -> None:
     """Raises ValueError where metadata.json contradicts itself, or a name in it would leave a folder."""
-    for split, own in about.splits.items():
+    for split, split_info in about.splits.items():
         check_name(split, by="metadata.json")
-        counts = {len(column) for column in (own.positions, own.names, own.scenes, own.windows)}
+        counts = {
+            len(column) for column in (split_info.positions, split_info.names, split_info.scenes, split_info.windows)
+        }
         if len(counts) > 1:
             raise ValueError(f"the lists of {split} differ in length")
-        if not all(0 <= position < about.length for position in own.positions):
+        if not all(0 <= position < about.length for position in split_info.positions):
             raise ValueError(f"{split} holds positions beyond 0..{about.length - 1}")
-        for name in own.names:
+        for name in split_info.names:
             check_name(name, by="metadata.json")
-        if len({*own.names}) < len(own.names):
+        if len({*split_info.names}) < len(split_info.names):
             raise ValueError(f"{split} names a frame twice")
     for name in about.files:
         check_name(name, by="metadata.json")
@@ -237,7 +239,7 @@ class JaxsimPairs(tfds.core.ShardBasedBuilder, skip_registration=True):
             description="Camera and LiDAR aligned on the LiDAR's polar grid: training pairs of jaxsim.",
             features=features(),
             disable_shuffling=True,
-            metadata=tfds.core.MetadataDict(ABOUT.dump_python(self.about, mode="json")) if self.about else None,
+            metadata=tfds.core.MetadataDict(ABOUT_ADAPTER.dump_python(self.about, mode="json")) if self.about else None,
         )
 
     def _shard_iterators_per_split(
@@ -258,11 +260,11 @@ class JaxsimPairs(tfds.core.ShardBasedBuilder, skip_registration=True):
         """Writes TFDS' description of the finished files in `folder`, and metadata.json."""
         infos = []
         for split in dict.fromkeys(shard.split for shard in self.shards):
-            own = [shard for shard in self.shards if shard.split == split]
+            shards = [shard for shard in self.shards if shard.split == split]
             info = tfds.core.SplitInfo(
                 name=split,
-                shard_lengths=[len(shard.positions) for shard in own],
-                num_bytes=sum(shard.file(folder).stat().st_size for shard in own),
+                shard_lengths=[len(shard.positions) for shard in shards],
+                num_bytes=sum(shard.file(folder).stat().st_size for shard in shards),
                 filename_template=_template(folder, split),
             )
             infos.append(info)

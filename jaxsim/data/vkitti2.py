@@ -127,8 +127,8 @@ class VirtualKitti2:
     def splits(self) -> dict[str, list[int]]:
         """Positions by the name of a scene: `Scene18`."""
         scenes: dict[str, list[int]] = {}
-        for place, (drive, _) in enumerate(self._frames):
-            scenes.setdefault(drive.parent.name, []).append(place)
+        for position, (drive, _) in enumerate(self._frames):
+            scenes.setdefault(drive.parent.name, []).append(position)
         return scenes
 
     def objects(self, index: int) -> list[VirtualObject]:

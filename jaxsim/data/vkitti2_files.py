@@ -39,12 +39,12 @@ _CATEGORIES = {
     "Van": ("car", (0, 139, 139)),
     "Undefined": ("unlabeled", (0, 0, 0)),
 }
-CLASSES: dict[str, str] = {name: of_cityscapes for name, (of_cityscapes, _) in _CATEGORIES.items()}
+CITYSCAPES_OF: dict[str, str] = {name: of_cityscapes for name, (of_cityscapes, _) in _CATEGORIES.items()}
 """Class of colors.txt -> class of Cityscapes. The paper does not give its mapping."""
 COLOURS: dict[str, tuple[int, int, int]] = {name: rgb for name, (_, rgb) in _CATEGORIES.items()}
 """What colors.txt says where it is left out of a copy; some scenes' omit Undefined."""
-KINDS = ("Car", "Van", "Truck")
-COLUMNS = {
+OBJECT_KINDS = ("Car", "Van", "Truck")
+HEADERS = {
     "colors": "Category r g b",
     "info": "trackID label model color",
     "intrinsic": "frame cameraID K[0,0] K[1,1] K[0,2] K[1,2]",
@@ -55,9 +55,9 @@ COLUMNS = {
     "camera_space_Z rotation_camera_space_y rotation_camera_space_x rotation_camera_space_z",
 }
 """Header line of each text file."""
-FARTHEST = 65535
+SATURATED = 65535
 """The value that depth saturates to: sky, and whatever is 655.35 m away or more."""
-MOST = 1e6
+MOST_NUMBER = 1e6
 """No number of its texts is beyond it, be it metres or pixels of an object."""
 WORLD_M = 1e5
 """No street lies farther from its world's origin."""
@@ -105,7 +105,7 @@ def read_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "
             f"vkitti2: {path}: depth is 0 in {int((image == 0).sum())} pixels; there it is in centimetres and never 0 "
             "(65535 in the sky): is this KITTI's encoding (metres * 256, 0 = none)?"
         )
-    return image.astype(np.float32) / 100, image < FARTHEST
+    return image.astype(np.float32) / 100, image < SATURATED
 
 
 def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> _Raster:
@@ -115,7 +115,7 @@ def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> _Raste
         raise ValueError(f"vkitti2: {path} is {image.dtype} with shape {image.shape}; classes are an 8-bit RGB PNG")
     # OpenCV's channels are blue, green, red.
     code = image[..., 2].astype(np.int32) << 16 | image[..., 1].astype(np.int32) << 8 | image[..., 0]
-    table = sorted((r << 16 | g << 8 | b, IDS[CLASSES[name]]) for name, (r, g, b) in colours.items())
+    table = sorted((r << 16 | g << 8 | b, IDS[CITYSCAPES_OF[name]]) for name, (r, g, b) in colours.items())
     known, ids = np.array(table, np.int32).T
     nearest = np.minimum(np.searchsorted(known, code), len(known) - 1)
     strange = known[nearest] != code
@@ -167,11 +167,11 @@ def read_indexed(path: Path) -> UInt8[np.ndarray, "h w"]:
 
 
 def read_colours(path: Path) -> dict[str, tuple[int, int, int]]:
-    """RGB of each class from colors.txt. Raises ValueError for a class that is not in CLASSES."""
+    """RGB of each class from colors.txt. Raises ValueError for a class that is not in CITYSCAPES_OF."""
     colours = {}
     for line, (name, *rgb) in _rows(path, "colors"):
-        if name not in CLASSES:
-            raise ValueError(f"vkitti2: {path}, line {line}: unknown class {name!r}; known: {', '.join(CLASSES)}")
+        if name not in CITYSCAPES_OF:
+            raise ValueError(f"vkitti2: {path}, line {line}: unknown class {name!r}; known: {', '.join(CITYSCAPES_OF)}")
         red, green, blue = _numbers(path, line, rgb, kind=int)
         if not 0 <= min(red, green, blue) <= max(red, green, blue) <= 255:
             raise ValueError(f"vkitti2: {path}, line {line}: {name} is {red} {green} {blue}; colours are 0..255")
@@ -207,8 +207,10 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
     """Vehicles by (frame, camera), the hidden and the far ones too, from pose.txt, bbox.txt and info.txt."""
     kinds = {}
     for line, (track, label, *_) in _rows(folder / "info.txt", "info"):
-        if label not in KINDS:
-            raise ValueError(f"vkitti2: {folder / 'info.txt'}, line {line}: unknown label {label!r}; known: {KINDS}")
+        if label not in OBJECT_KINDS:
+            raise ValueError(
+                f"vkitti2: {folder / 'info.txt'}, line {line}: unknown label {label!r}; known: {OBJECT_KINDS}"
+            )
         (key,) = _numbers(folder / "info.txt", line, [track], kind=int)
         _add(kinds, key, label, path=folder / "info.txt", line=line)
     boxes = {}
@@ -271,13 +273,13 @@ def _read(path: Path) -> np.ndarray:
 
 
 def _rows(path: Path, kind: str) -> list[tuple[int, list[str]]]:
-    """Numbered lines below the header. Raises ValueError where the columns are not those of COLUMNS."""
+    """Numbered lines below the header. Raises ValueError where the columns are not those of HEADERS."""
     if not path.is_file():
         raise ValueError(f"vkitti2: there is no {path}; copy it from the archive vkitti_2.0.3_textgt")
     header, *lines = read_text(path, by="vkitti2").splitlines() or [""]
-    wanted = COLUMNS[kind].split()
+    wanted = HEADERS[kind].split()
     if header.split()[:1] != wanted[:1] or len(header.split()) != len(wanted):
-        raise ValueError(f"vkitti2: {path} begins with {header[:60]!r}; its header is {COLUMNS[kind]!r}")
+        raise ValueError(f"vkitti2: {path} begins with {header[:60]!r}; its header is {HEADERS[kind]!r}")
     rows = [(place, line.split()) for place, line in enumerate(lines, 2) if line.strip()]
     for place, row in rows:
         if len(row) != len(wanted):
@@ -289,8 +291,8 @@ def _numbers(path: Path, line: int, texts: list[str], *, kind: type[int] | type[
     values = [parse_number(text, kind, where=f"vkitti2: {path}, line {line}") for text in texts]
     if not np.isfinite(values).all():
         raise ValueError(f"vkitti2: {path}, line {line} holds NaN or infinite numbers; copy it again")
-    if np.abs(values).max(initial=0) > MOST:
-        raise ValueError(f"vkitti2: {path}, line {line} holds a number beyond {MOST:g}; copy it again")
+    if np.abs(values).max(initial=0) > MOST_NUMBER:
+        raise ValueError(f"vkitti2: {path}, line {line} holds a number beyond {MOST_NUMBER:g}; copy it again")
     return values
 
 

@@ -75,16 +75,16 @@ class SceneBatches:
     def __getitem__(self, k: int) -> SceneBatch:
         share = self.size // self.parts
         places = range(k * self.size + self.part * share, k * self.size + (self.part + 1) * share)
-        items = [self._item(place) for place in places]
+        items = [self._item(position) for position in places]
         return {name: np.stack([item[name] for item in items]) for name in items[0]}
 
-    def _item(self, place: int) -> SceneBatch:
+    def _item(self, position: int) -> SceneBatch:
         """The scene at a place of the endless sequence; one that lost all its objects gives way to another, drawn."""
         n = len(self.scenes)
         # One permutation an epoch, and a generator a place: no state runs from batch to batch.
-        order = np.random.default_rng([self.seed, 0, place // n]).permutation(n)
-        rng = np.random.default_rng([self.seed, 1, place])
-        i = int(order[place % n])
+        order = np.random.default_rng([self.seed, 0, position // n]).permutation(n)
+        rng = np.random.default_rng([self.seed, 1, position])
+        i = int(order[position % n])
         for _ in range(TRIES):
             scene = augment_scene(self.scenes[i], self.database, self.augmentation, rng=rng)
             objects = scene.boxes[scene.target & inside(scene.boxes, self.voxels)]

@@ -228,8 +228,8 @@ def voxel_query(
         for k in range(2 * reach + 1):  # a row's sites follow one another
             key = sites.key.at[at + k].get(mode="fill", fill_value=-1)
             column = key - start
-            place = jnp.stack([z, y, column], axis=-1)
-            off = xyz - cell_centres(place, voxels, stride)
+            met = jnp.stack([z, y, column], axis=-1)
+            off = xyz - cell_centres(met, voxels, stride)
             near = inside & (column >= left) & (column <= right) & ((off * off).sum(axis=-1) <= radius_m**2)
             # Into the next free slot; once all are taken, `taken` names none.
             neighbours = jnp.where(near[:, None] & (slots == taken[:, None]), (at + k)[:, None], neighbours)

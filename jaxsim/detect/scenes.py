@@ -12,12 +12,9 @@ from jaxtyping import Bool, Float, Float32, Int
 
 from jaxsim.files import check_name, making, read_arrays, write_arrays
 from jaxsim.frame import Boxes, Frame
-from jaxsim.geometry.boxes import lidar_boxes
+from jaxsim.geometry.boxes import DIFFICULTIES, lidar_boxes
 from jaxsim.geometry.points import check_points as points_of_lidar
 from jaxsim.progress import Progress
-
-DIFFICULTIES = ((40.0, 0, 0.15), (25.0, 1, 0.30), (25.0, 2, 0.50))
-"""Height in pixels (and more), occlusion and truncation (and less) of an easy, a moderate and a hard object."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +73,9 @@ def difficulties(labels: Boxes) -> Int[np.ndarray, " g"]:
     height = np.asarray(labels.bbox_px)[:, 3] - np.asarray(labels.bbox_px)[:, 1] + 1
     difficulty = np.full(len(labels.kind), -1)
     # From hard to easy: the easiest difficulty that fits is written last.
-    for k in reversed(range(len(DIFFICULTIES))):
-        least, occluded, truncated = DIFFICULTIES[k]
-        fits = (height >= least) & (np.asarray(labels.occluded) <= occluded)
-        difficulty[fits & (np.asarray(labels.truncated) <= truncated)] = k
+    for k, limit in reversed([*enumerate(DIFFICULTIES.values())]):
+        fits = (height >= limit.height_px) & (np.asarray(labels.occluded) <= limit.occluded)
+        difficulty[fits & (np.asarray(labels.truncated) <= limit.truncated)] = k
     return difficulty
 
 

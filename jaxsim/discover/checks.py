@@ -22,7 +22,7 @@ from jaxsim.geometry import grid_difference
 
 _Sides = tuple[Mapping[str, PolarImage], Mapping[str, PolarImage]]
 """Simulated and measured frames by name."""
-RAYS = 2000
+RAYS_OF_FRAME = 2000
 """Rays looked at in each frame."""
 OTHERS = 64
 """Other frames with which each is compared."""
@@ -174,7 +174,7 @@ def check_pairs(
     that differ by a factor, hardly a common return, too few rays that agree, or partners that fit each other's
     partner better. Where a common motion of the sensor makes the ranges agree (`registered`), they show one street."""
     # Every so manieth ray: shares of thousands of rays are known to a percent.
-    stride = max(1, simulated[0].range_m.size // RAYS)
+    stride = max(1, simulated[0].range_m.size // RAYS_OF_FRAME)
     ours, hit = _thinned(simulated, stride)
     theirs, back = _thinned(measured, stride)
     both = hit & back & (ours > 0) & (theirs > 0)
@@ -209,7 +209,7 @@ def check_pairs(
             f"or {100 * RULES.near_share:g} %) on {100 * same.near[k]:.0f} % of the rays that return on both sides of "
             f"{names[k]} and of half the frames{_as_registered(registered)}; {ADVICE}"
         )
-    _check_partners(names, ours, theirs, hit=hit, back=back, own=agreed)
+    _check_partners(names, ours, theirs, hit=hit, back=back, agreed=agreed)
 
 
 def _as_registered(registered: Registration | None) -> str:
@@ -233,7 +233,7 @@ def _check_partners(
     *,
     hit: Bool[np.ndarray, "f rays"],
     back: Bool[np.ndarray, "f rays"],
-    own: Float[np.ndarray, " f"],
+    agreed: Float[np.ndarray, " f"],
 ) -> None:
     """Raises ValueError where most measured frames fit another simulated frame clearly better than their own."""
     # Against a choice of the others: each against all would grow with the square of the frames.
@@ -244,11 +244,11 @@ def _check_partners(
     for k in range(len(names)):
         each = agreement(ours[others], np.broadcast_to(theirs[k], ours[others].shape), hit[others] & back[k][None])
         best[k], share[k] = others[np.argmax(each.near)], each.near.max()
-    wrong = share > own + RULES.better_partner
+    wrong = share > agreed + RULES.better_partner
     if wrong.mean() > RULES.most_frames:
-        k = int(np.argmax(share - own))
+        k = int(np.argmax(share - agreed))
         raise ValueError(
             f"discover: names pair the wrong frames: measured {names[k]} agrees with simulated {names[best[k]]} on "
-            f"{100 * share[k]:.0f} % of the rays, with simulated {names[k]} on {100 * own[k]:.0f} %, and so for "
+            f"{100 * share[k]:.0f} % of the rays, with simulated {names[k]} on {100 * agreed[k]:.0f} %, and so for "
             f"{wrong.sum()} of {len(names)} frames; give the files of one moment the same name on both sides"
         )

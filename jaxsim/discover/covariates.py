@@ -39,7 +39,7 @@ NAMED = {
     "even columns": "column",
 }
 """What a verdict calls a covariate that is a finer look at another."""
-COLUMNS = 36
+BASIS_COLUMNS = 36
 """Columns of every free curve's basis; one that needs fewer (knots, classes) is filled up with zeros."""
 
 
@@ -82,7 +82,7 @@ def curve_basis(x: np.ndarray, name: str, most: int = RULES.knots) -> Float[np.n
 class Heights(Parameter):
     """A curve's coefficients: its height at each column of a basis."""
 
-    columns: int = COLUMNS
+    columns: int = BASIS_COLUMNS
 
     def dims(self, rows: int) -> tuple[int, ...]:
         """One number a column, whatever the sensor."""
@@ -127,20 +127,20 @@ def with_basis(problem: Problem, covariate: str) -> Problem:
 
 
 def with_columns(problem: Problem, columns: Float[np.ndarray, "n k"]) -> Problem:
-    """The problem whose rays carry a basis, given for those that hit; at most COLUMNS columns."""
+    """The problem whose rays carry a basis, given for those that hit; at most BASIS_COLUMNS columns."""
     hit = np.asarray(problem.ev.rays.hit)
     # Filled up to the width of every free curve, so that one compiled program serves all.
-    basis = np.zeros((*hit.shape, COLUMNS), np.float32)
+    basis = np.zeros((*hit.shape, BASIS_COLUMNS), np.float32)
     basis[hit, : columns.shape[1]] = columns
     # On the device once: every step of every fit reads it.
     return replace(problem, basis=jax.device_put(basis))
 
 
 def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
-    """The `curve_basis` of a covariate with COLUMNS columns: filled up with zeros where it has fewer; neighbouring
-    rows share one where there are more."""
+    """The `curve_basis` of a covariate with BASIS_COLUMNS columns: filled up with zeros where it has fewer;
+    neighbouring rows share one where there are more."""
     if covariate in CATEGORICAL:
         values, index = np.unique(x, return_inverse=True)
-        return np.eye(COLUMNS, dtype=np.float32)[index * COLUMNS // max(len(values), COLUMNS)]
+        return np.eye(BASIS_COLUMNS, dtype=np.float32)[index * BASIS_COLUMNS // max(len(values), BASIS_COLUMNS)]
     basis = curve_basis(x, covariate, 2 * RULES.knots)
-    return np.pad(basis, ((0, 0), (0, COLUMNS - basis.shape[1])))
+    return np.pad(basis, ((0, 0), (0, BASIS_COLUMNS - basis.shape[1])))

@@ -27,7 +27,7 @@ RESIDUAL_UNITS = {
     "drop": "share lost, measured minus expected",
 }
 SPREAD_UNIT = "spread over the one expected, less 1"
-BINS = 16
+CURVE_BINS = 16
 """Groups of a covariate along which a curve is drawn."""
 MAP_COLUMNS = 32
 """Columns of a residual map, before it is spread over the grid: rays are thinned to whole columns."""
@@ -102,7 +102,7 @@ class Bins:
             edges = np.array([*np.unique(x), np.inf])
         else:
             # Ties make quantiles equal, and such groups are one.
-            edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
+            edges = np.unique(np.quantile(x, np.linspace(0, 1, CURVE_BINS + 1)))
         if len(edges) < 3:
             return None
         size = len(edges) - 1

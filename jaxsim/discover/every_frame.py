@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.drawn import GridSums, map_sums
-from jaxsim.discover.gap import UNITS, block_distances
+from jaxsim.discover.gap import ERROR_UNITS, block_distances
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Chain, Problem
@@ -176,8 +176,8 @@ def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
         unseen=int(unseen.sum()),
         gained={name: _mean(gain[:, k]) for k, name in enumerate(CHANNELS)},
         gained_unseen={name: _mean(gain[unseen, k]) for k, name in enumerate(CHANNELS)},
-        before={name: _mean(means[:, 0, k], UNITS[name]) for k, name in enumerate(CHANNELS)},
-        after={name: _mean(means[:, 1, k], UNITS[name]) for k, name in enumerate(CHANNELS)},
+        before={name: _mean(means[:, 0, k], ERROR_UNITS[name]) for k, name in enumerate(CHANNELS)},
+        after={name: _mean(means[:, 1, k], ERROR_UNITS[name]) for k, name in enumerate(CHANNELS)},
         worst=tuple(OddFrame(name, scene_of[name], sums.of_frame[name]) for name in worst),
     )
 
@@ -221,18 +221,18 @@ def _new_blocks(old: Division, scenes: Sequence[str], *, number: int) -> Blocks:
     return Blocks(new.frame, new.column, tuple(scenes))
 
 
-def _joined(old: Division, fresh: Division, found: Bool[np.ndarray, " b"]) -> Division:
+def _joined(old: Division, fresh: Division, chosen: Bool[np.ndarray, " b"]) -> Division:
     """Some blocks of a division with the frames that they are of, as they were traced before, and all of another."""
-    staying = np.unique(old.blocks.frame[found])
+    staying = np.unique(old.blocks.frame[chosen])
     # Frames are numbered anew, the fresh ones behind those that stay.
-    first, behind = np.searchsorted(staying, old.blocks.frame[found]), len(staying) + fresh.blocks.frame
+    first, behind = np.searchsorted(staying, old.blocks.frame[chosen]), len(staying) + fresh.blocks.frame
     blocks_of_both = Blocks(
         np.concatenate([first, behind]),
-        np.concatenate([old.blocks.column[found], fresh.blocks.column]),
-        (*(scene for scene, keep in zip(old.blocks.scene, found, strict=True) if keep), *fresh.blocks.scene),
+        np.concatenate([old.blocks.column[chosen], fresh.blocks.column]),
+        (*(scene for scene, keep in zip(old.blocks.scene, chosen, strict=True) if keep), *fresh.blocks.scene),
     )
     rays = jax.tree.map(
-        lambda one, other: np.concatenate([one, other]) if np.ndim(one) else one, old.rays.part(found), fresh.rays
+        lambda one, other: np.concatenate([one, other]) if np.ndim(one) else one, old.rays.part(chosen), fresh.rays
     )
     frame = np.broadcast_to(blocks_of_both.frame[:, None, None], rays.rays.row.shape).astype(np.int32)
     scan = _scans(old.scan, fresh.scan, staying)
@@ -256,20 +256,20 @@ def _joined(old: Division, fresh: Division, found: Bool[np.ndarray, " b"]) -> Di
     )
 
 
-def _scans(first: Scan, second: Scan, kept: Int[np.ndarray, " k"]) -> Scan:
+def _scans(first: Scan, second: Scan, chosen: Int[np.ndarray, " k"]) -> Scan:
     """Some frames of a scan, then all of another on the same grid."""
     frames = len(np.asarray(second.range_m))
     of_tags = {
-        name: np.concatenate([np.asarray(tag)[kept], np.asarray(second.tags.get(name, np.zeros(frames, bool)))])
+        name: np.concatenate([np.asarray(tag)[chosen], np.asarray(second.tags.get(name, np.zeros(frames, bool)))])
         for name, tag in first.tags.items()
     }
-    return replace(first, **_stacked(first, second, kept), tags=of_tags)
+    return replace(first, **_stacked(first, second, chosen), tags=of_tags)
 
 
-def _stacked(first: Any, second: Any, kept: Int[np.ndarray, " k"]) -> dict[str, np.ndarray]:
+def _stacked(first: Any, second: Any, chosen: Int[np.ndarray, " k"]) -> dict[str, np.ndarray]:
     """Some frames of each raster of a struct, then all of another's."""
     names = [one.name for one in fields(first) if one.name not in ("grid", "tags")]
     return {
-        name: np.concatenate([np.asarray(getattr(first, name))[kept], np.asarray(getattr(second, name))])
+        name: np.concatenate([np.asarray(getattr(first, name))[chosen], np.asarray(getattr(second, name))])
         for name in names
     }

@@ -177,11 +177,11 @@ def unconfirmed_curves(curves: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def mutual_noise(found: Sequence[str]) -> tuple[str, ...]:
+def mutual_noise(names: Sequence[str]) -> tuple[str, ...]:
     """What a reader must know of what was found and is not said."""
-    if not found:
+    if not names:
         return ()
     return (
-        f"found, and not said: {', '.join(found)}. With the sides exchanged it is found as well: so it is what noise "
+        f"found, and not said: {', '.join(names)}. With the sides exchanged it is found as well: so it is what noise "
         "of both does to the comparison, nothing that one of them has and the other has not",
     )

@@ -35,14 +35,12 @@ from jaxsim.discover.verdict import Gained, Gap, Interval
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.frame import Array
 
-UNITS = {
+ERROR_UNITS = {
     "intensity": "mean absolute error of ln I",
     "range": "mean absolute error, m",
     "drop": "log loss of return, nats a ray",
 }
-CLIP_M = 1.0
-"""Error of a range that counts at most: a reading of another surface is as wrong as any."""
-STEPS = 20
+REGRESSION_STEPS = 20
 """Steps of both regressions: either has long converged by then."""
 Design = Float[np.ndarray, "n k"]
 _Line = Float[np.ndarray, " n"]
@@ -53,7 +51,7 @@ class Distance:
     """The distance of each judge scene (s) in each channel."""
 
     error: Float[np.ndarray, "s 3"]
-    """Mean errors in UNITS; NaN where nothing is compared."""
+    """Mean errors in ERROR_UNITS; NaN where nothing is compared."""
     log_likelihood: Float[np.ndarray, "s 3"]
     """Nats."""
 
@@ -63,7 +61,7 @@ class BlockDistances:
     """What each block (b) adds to its scene's distance."""
 
     error: Float[np.ndarray, "b 3 2"]
-    """Sums of errors in UNITS, and counts of rays."""
+    """Sums of errors in ERROR_UNITS, and counts of rays."""
     log_likelihood: Float[np.ndarray, "b 3"]
     """Nats."""
 
@@ -109,7 +107,7 @@ def _errors(
     lost = jnp.clip(lost, -30.0, -1e-7)
     miss = -jnp.where(ev.returned, jnp.log(-jnp.expm1(lost)), lost)
     # A ray that met another surface is wrong, and not by how far the other stands.
-    wrong = jnp.minimum(jnp.abs(off_r), CLIP_M)
+    wrong = jnp.minimum(jnp.abs(off_r), RULES.most_off_m)
     pairs = ((jnp.abs(off_i), ev.compared), (wrong, smooth), (miss, rays.hit))
     sums = [jnp.where(counts, x, 0).sum((1, 2)) for x, counts in pairs]
     counts = [counts.sum((1, 2)).astype(jnp.float32) for _, counts in pairs]
@@ -134,7 +132,7 @@ def gaps(before: Distance, after: Distance, *, placebo: Distance, floor: Distanc
             after.error[:, k],
             placebo=placebo.error[:, k],
             floor=floor.error[:, k],
-            unit=UNITS[name],
+            unit=ERROR_UNITS[name],
             gained=gained,
         )
     return result
@@ -226,7 +224,7 @@ def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates
 def robust(x: Design, y: _Line, sd: _Line) -> Float[np.ndarray, " k"]:
     """Coefficients by iteratively reweighted least squares, Student-t errors of scale `sd`."""
     beta = np.zeros(x.shape[1])
-    for _ in range(STEPS):
+    for _ in range(REGRESSION_STEPS):
         # Student-t as a mixture of normals (EM): a far residual is one of a wide component.
         weight = (DEGREES + 1) / (DEGREES + ((y - x @ beta) / sd) ** 2) / sd**2
         beta = _solved(x, weight, x.T @ (weight * y), ridge=RULES.ridge * weight.mean())
@@ -240,7 +238,7 @@ def log_odds(x: Design, off: _Line, p: _Line) -> Float[np.ndarray, " k"]:
     begin = np.log(p / (1 - p))
     # In units of a ray's own information, so that rare and common losses are held alike.
     ridge = RULES.ridge * float(np.mean(p * (1 - p)))
-    for _ in range(STEPS):
+    for _ in range(REGRESSION_STEPS):
         now = 1 / (1 + np.exp(-(begin + x @ beta)))
         step = _solved(x, now * (1 - now), x.T @ (happened - now) - ridge * beta, ridge=ridge)
         # Newton's steps are too long where what is rare turns out to be common.

@@ -40,9 +40,9 @@ Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
 """Allowed where what nothing describes may be missing, too."""
 NOT_COMPARED = "the channel was not compared"
-KEYS = ("thresholds", "allowed", "baseline", "effect_nats")
+GATE_KEYS = ("thresholds", "allowed", "baseline", "effect_nats")
 """What a gate.json may say."""
-CHANNELS = {"intensity": "share of full scale", "range": "m", "drop": "share of rays"}
+DISTANCE_UNITS = {"intensity": "share of full scale", "range": "m", "drop": "share of rays"}
 """Units of the distances."""
 
 
@@ -51,7 +51,7 @@ class Gate:
     """What a gate asks."""
 
     thresholds: Mapping[str, float]
-    """Largest distance a channel, in the units of the gap (`docs/verdict.md`) or, with --fast, of `CHANNELS`."""
+    """Largest distance a channel, in the units of the gap (`docs/verdict.md`) or, with --fast, of `DISTANCE_UNITS`."""
     allowed: frozenset[str]
     """Effects that may be missing; `not_in_catalogue` for what has no name. Only what is named beside these is a
     gap."""
@@ -75,14 +75,14 @@ def read_gate(path: Path) -> Gate:
     """A gate.json. Raises ValueError where it is none, names an unknown channel or effect, or asks nothing."""
     content = read_json(path, by="gate", hint='{"thresholds": {"intensity": 0.1}, "allowed": [], "baseline": "x.json"}')
     if not isinstance(content, dict):
-        raise ValueError(f"gate: {path} must be an object with any of {', '.join(KEYS)}")
-    check_keys(content, KEYS, where=f"gate: {path}")
+        raise ValueError(f"gate: {path} must be an object with any of {', '.join(GATE_KEYS)}")
+    check_keys(content, GATE_KEYS, where=f"gate: {path}")
     if not content:
-        raise ValueError(f"gate: {path} asks nothing; give any of {', '.join(KEYS)}")
+        raise ValueError(f"gate: {path} asks nothing; give any of {', '.join(GATE_KEYS)}")
     given = content.get("thresholds", {})
     if not isinstance(given, dict):
         raise ValueError(f"gate: {path}: thresholds must be an object of numbers by channel")
-    check_keys(given, tuple(CHANNELS), where=f"gate: {path}: thresholds")
+    check_keys(given, tuple(DISTANCE_UNITS), where=f"gate: {path}: thresholds")
     thresholds = {}
     for channel, value in given.items():
         thresholds[channel] = _number(value)
@@ -262,7 +262,7 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
         )
     # Scenes count alike, however many frames each has: frames of one street are not independent.
     table = np.array([np.nanmean(rows, axis=0) for rows in by_scene.values()])
-    return {channel: distance_of(table[:, k], unit) for k, (channel, unit) in enumerate(CHANNELS.items())}
+    return {channel: distance_of(table[:, k], unit) for k, (channel, unit) in enumerate(DISTANCE_UNITS.items())}
 
 
 def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.ndarray, " channels"]:

@@ -1,8 +1,9 @@
 """What an effect of one's own looks like: each catalogue effect fitted to its expectation, ray by ray.
 
 The cheap form of the question that naming asks of data: nothing is drawn, and no nuisance but the levels of classes is
-fitted. Both effects' changes of a ray are taken in typical standard deviations (`SD`), and a look-alike reproduces most
-of the sum of their squares: about the share of a gain in likelihood that it would take over (`Rules.alike_share`).
+fitted. Both effects' changes of a ray are taken in typical standard deviations (`TYPICAL_SD`), and a look-alike
+reproduces most of the sum of their squares: about the share of a gain in likelihood that it would take over
+(`Rules.alike_share`).
 """
 
 from __future__ import annotations
@@ -23,13 +24,12 @@ from jaxsim.discover.model.parameters import prior, ravel, restorer, to_values, 
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS, Effect
 from jaxsim.effects.chain import apply_law
-from jaxsim.effects.check import settings
-from jaxsim.effects.effect import CLASSES
+from jaxsim.effects.check import trial_values
 from jaxsim.effects.origin import LookAlike, OwnEffect
 from jaxsim.effects.rays import Rays, Scan
-from jaxsim.frame import Array
+from jaxsim.frame import CLASSES, Array
 
-SD = {
+TYPICAL_SD = {
     "log_intensity": 0.1,
     "reading_m": 0.02,
     "noise_m": 0.02,
@@ -39,13 +39,13 @@ SD = {
     "clutter": 0.2,
 }
 """Standard deviations of a ray, in which a change is counted: nats, m, m, and probabilities."""
-MOST = 10.0
+RAY_MOST = 10.0
 """Standard deviations that one ray counts for at most: jumps to another surface are as good as lost."""
-RAYS = 5000
+MOST_RAYS = 5000
 """Compared at most."""
 STEPS = 30
 """Steps of the optimiser: the share in common needs two digits, no more."""
-BINS = 12
+PART_BINS = 12
 """Bins of a covariate along which two effects may part."""
 
 
@@ -81,15 +81,15 @@ def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]
 
 
 def thin_rays(rays: Rays) -> Rays:
-    """Every so many blocks and columns of rays (blocks, columns, rows), so that RAYS are left or fewer."""
-    step = int(np.ceil(np.sqrt(rays.row.size / RAYS)))
+    """Every so many blocks and columns of rays (blocks, columns, rows), so that MOST_RAYS are left or fewer."""
+    step = int(np.ceil(np.sqrt(rays.row.size / MOST_RAYS)))
     return jax.tree.map(lambda leaf: leaf[::step, ::step] if leaf.ndim >= 3 else leaf, rays)
 
 
 def visible(effect: Effect, rows: int) -> dict[str, Any]:
     """Parameters at which an effect is clearly seen; numbers of beams and classes differ from one another."""
     rng = np.random.default_rng(0)
-    values: dict[str, Any] = dict(settings(effect)[1][1])
+    values: dict[str, Any] = dict(trial_values(effect)[1][1])
     for name, p in effect.parameters.items():
         if p.shape != "scalar":
             # A vector alike for all beams would look like a single number of another effect.
@@ -104,7 +104,7 @@ def _change(effect: Effect, values: dict[str, Any], rays: Rays, *, scan: Scan) -
 
 
 def _expected(rays: Rays) -> dict[str, Array]:
-    """What of each ray the channels show, by the names of SD."""
+    """What of each ray the channels show, by the names of TYPICAL_SD."""
     keep = jnp.where(rays.hit, jnp.exp(rays.log_keep) * (1 - rays.column_loss), 0.0)
     # Above saturation nothing differs.
     bright = jnp.minimum(rays.log_intensity, jnp.log(rays.intensity_top))
@@ -116,10 +116,10 @@ def _expected(rays: Rays) -> dict[str, Array]:
 def _difference(after: dict[str, Array], before: dict[str, Array], rays: Rays) -> Float[Array, "k n"]:
     hit = rays.hit.ravel()
     parts = []
-    for name, sd in SD.items():
+    for name, sd in TYPICAL_SD.items():
         change = (after[name] - before[name]).ravel() / sd
         # Bounded, and still with a slope from afar.
-        change = jnp.where(hit, MOST * jnp.tanh(change / MOST), 0.0)
+        change = jnp.where(hit, RAY_MOST * jnp.tanh(change / RAY_MOST), 0.0)
         if name == "log_intensity":
             # A class's reflectance is a nuisance: an effect that shifts whole classes alone shows nothing.
             kind = rays.semantic.ravel()
@@ -130,11 +130,11 @@ def _difference(after: dict[str, Array], before: dict[str, Array], rays: Rays) -
     return jnp.stack(parts)
 
 
-def _imitated(other: Effect, own: np.ndarray, rays: Rays, *, scan: Scan) -> np.ndarray:
+def _imitated(other: Effect, changed: np.ndarray, rays: Rays, *, scan: Scan) -> np.ndarray:
     """The change by `other` that is nearest to the own one, by least squares within its bounds."""
     rows = scan.range_m.shape[1]
     restore = restorer(to_z(other, {}, rows))
-    target = jax.device_put(own.astype(np.float32))
+    target = jax.device_put(changed.astype(np.float32))
 
     def slope(x: Float[np.ndarray, " n"]) -> tuple[tuple[Array, Array], dict[str, Array]]:
         return _slope(restore(x), target, rays, effect=other, scan=scan)
@@ -147,7 +147,7 @@ def _imitated(other: Effect, own: np.ndarray, rays: Rays, *, scan: Scan) -> np.n
 
     limits = prior(other, rows)
     bounds = [*zip(limits.low, limits.high, strict=True)]
-    starts = [ravel(to_z(other, start, rows)) for start in ({}, settings(other)[1][1], *other.starts)]
+    starts = [ravel(to_z(other, start, rows)) for start in ({}, trial_values(other)[1][1], *other.starts)]
     # At neutral some have no slope; from afar some have another basin.
     begin = [starts[0], min(starts[1:], key=lambda x: loss(x)[0])]
     fits = [minimize(loss, x, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}) for x in begin]
@@ -192,7 +192,7 @@ def _apart(remainder: np.ndarray, rays: Rays, *, share: float) -> str:
 
 def _between(value: np.ndarray, covariate: np.ndarray) -> float:
     """Share of the variance that lies between bins of a covariate."""
-    edges = np.unique(np.quantile(covariate, np.linspace(0, 1, BINS + 1)[1:-1]))
+    edges = np.unique(np.quantile(covariate, np.linspace(0, 1, PART_BINS + 1)[1:-1]))
     group = np.searchsorted(edges, covariate, side="right")
     count = np.maximum(np.bincount(group), 1)
     mean = np.bincount(group, value) / count

@@ -22,7 +22,7 @@ from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.moved import seen_from
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import NOTHING_YET, Comparison
-from jaxsim.discover.register.registration import LIFT, PARTS, Registration
+from jaxsim.discover.register.registration import LIFT, MOTION_PARTS, Registration
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval, p_value
 from jaxsim.discover.verdict import Interval, Named, Registered
@@ -31,9 +31,9 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.edits import displace
 from jaxsim.effects.rays import Scan
 
-SD = np.append(POSE_SD, POSE_SD[-1])
+POSE_AND_LIFT_SD = np.append(POSE_SD, POSE_SD[-1])
 """Standard deviations of a frame's own pose and lift of beams, m and rad."""
-LIFTED = Law(
+LIFT_OF_ALL = Law(
     name="lift",
     parameters={"error_rad": Parameter(0.0, -0.01, 0.01, "rad", "of all beams alike", scale=0.0014)},
     channels=("range", "intensity", "drop"),
@@ -100,9 +100,9 @@ def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, kn
     registered = comparison.registration
     if registered is None or "beam_elevation_error" not in mounting.effects:
         return mounting
-    refit = fit(LIFTED, null, null.ev.all_blocks)
+    refit = fit(LIFT_OF_ALL, null, null.ev.all_blocks)
     by = np.zeros(len(registered.motion))
-    by[LIFT] = float(to_values(LIFTED, refit.z)["error_rad"])
+    by[LIFT] = float(to_values(LIFT_OF_ALL, refit.z)["error_rad"])
     finer = replace(registered, motion=registered.motion + by, frames=registered.frames + by)
     return place_mounting(replace(comparison, registration=finer), mounting.effects, known)
 
@@ -137,7 +137,7 @@ def parameters(registered: Registration, effect: str) -> dict[str, Interval]:
         "beam_elevation_error": {"error_rad": float(registered.motion[6])},
     }[effect]
     of = EFFECTS[effect].parameters
-    halves = map(float, registered.half[PARTS[effect]])
+    halves = map(float, registered.half[MOTION_PARTS[effect]])
     return {
         name: Interval(
             *(float(np.clip(v, of[name].low, of[name].high)) for v in (value, value - half, value + half)),
@@ -157,7 +157,7 @@ def registered_of(comparison: Comparison) -> Registered | None:
     return Registered(
         motion={
             key: value
-            for name in PARTS
+            for name in MOTION_PARTS
             if name != "beam_elevation_error" or name in one.sure
             for key, value in parameters(one, name).items()
         },
@@ -178,7 +178,7 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
     if registered is None:
         return (), ()
     for name in mounting.effects:
-        on_find, on_judge = gains(registered.frames, PARTS[name], scenes=mounting.comparison.scenes, parts=parts)
+        on_find, on_judge = gains(registered.frames, MOTION_PARTS[name], scenes=mounting.comparison.scenes, parts=parts)
         gain = clipped(on_find)
         values = parameters(registered, name)
         vectors = {key: (one,) * rows for key, one in values.items() if EFFECTS[name].parameters[key].shape == "row"}
@@ -211,7 +211,7 @@ def gains(
         judged = list(names[::3])
         find = [name for name in names if name not in judged]
     # In standard deviations of what a frame's own pose may be off by, so that squares are nats.
-    z = motion[:, part] / SD[part]
+    z = motion[:, part] / POSE_AND_LIFT_SD[part]
 
     def gain(scene: str, others: Sequence[str]) -> float:
         poses = z[names == scene]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.data.cityscapes import IDS
+from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import mean_interval
@@ -20,7 +20,6 @@ from jaxsim.discover.verdict import Fidelity, Interval
 
 TILE = (8, 32)
 """Rows and columns of a tile of the raster."""
-NAMES = {number: name for name, number in IDS.items()}
 
 
 @dataclass(frozen=True)

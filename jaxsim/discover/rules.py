@@ -22,8 +22,8 @@ class Rules:
 
     # Scenes: their division, and what few of them may decide.
     fewest_scenes: int = 10
-    """Scenes that a verdict needs: 7 to find with, for the signs of fewer cannot agree so well that chance is ruled
-    out at `agreement_level`, of the better of two tests (2 x 2^-7), and 3 to judge on."""
+    """Scenes that a verdict needs: 3 to judge on and 7 to find with, for signs of fewer, in the better of two tests
+    (2 x 2^-7), cannot reach `agreement_level`."""
     judge_share: float = 1 / 3
     """Share of the scenes that is kept for judging."""
     folds: int = 3
@@ -54,8 +54,7 @@ class Rules:
     not_beyond: float = 0.8
     """The same share of the rays that agree or go beyond, at least: clutter before the surface does not count."""
     in_sight: float = 0.7
-    """Share of a frame's measured points that must lie within the simulated image as it was registered: those beyond
-    it count as apart where fewer do."""
+    """Share of measured points that must lie within the simulated image as registered: fewer, and others are apart."""
     most_frames: float = 0.5
     """Share of frames, or of scenes, above which something holds for the folder."""
     common_returns: float = 0.05
@@ -116,8 +115,7 @@ class Rules:
     lattice_gaps: int = 5
     """... and gaps between them."""
     fewest_differences: int = 400
-    """Differences between neighbouring rays of one surface from which noise is told, as are those of each level of
-    intensity."""
+    """Differences between neighbouring rays of a surface from which noise is told, of each intensity's level too."""
     noisy_range_m: float = 0.004
     """Range noise below which a side counts as ideal, standard deviation: curved surfaces have as much."""
     noisy_intensity: float = 0.01
@@ -136,11 +134,9 @@ class Rules:
     knots: int = 10
     """Knots of a covariate's curve; a free curve that competes with effects has twice as many."""
     interaction_knots: int = 5
-    """Knots of each covariate's curve within an interaction of two; rows are a length there, for a column each
-    would be too many."""
+    """Knots of each covariate's curve in an interaction of two; rows are a length there: a column each is too many."""
     few_values: int = 40
-    """Different values of a covariate up to which a curve of it is a parabola: it must hold on frames that it has not
-    seen."""
+    """Different values of a covariate up to which its curve is a parabola: it must hold on frames it has not seen."""
     ridge: float = 4.0
     """Observations' worth of pull of a curve's knots to 0."""
     additive_folds: int = 4
@@ -170,20 +166,17 @@ class Rules:
     agreement_level: float = 0.02
     """Of the sign-flip test over scenes that a candidate must pass; set on sixty nulls of the development seeds."""
     direction_share: float = 0.25
-    """Part of the way from the null to a fit at which scenes are asked whether they agree on its direction: they may
-    disagree on its length."""
+    """Part of the way from the null to a fit at which scenes must agree on its direction, if not on its length."""
     pile_within: float = 0.005
     """Readings within this share of the largest are piled up there ..."""
     piled_share: float = 0.002
     """... if they are at least this share of all: a saturation is then tried."""
     gate_nats: float = 20.0
-    """Nats by which a border in range between lost and returned rays must be likelier than none, for a gate to be
-    tried there."""
+    """Nats by which a border between lost and returned rays must be likelier than none: a gate is then tried there."""
     hidden_share: float = 0.8
     """Share of rays lost above which a bin of azimuth may be hidden."""
     sudden_nats: float = 12.0
-    """Gain of each of `decisive_scenes` with which a rare event (lost packets) passes without the test over
-    scenes ..."""
+    """Gain of each of `decisive_scenes` with which a rare event (lost packets) passes without that test ..."""
     sudden_loss: float = 0.05
     """... if the others lose less than this share of what is gained in all."""
     beam_rows: int = 3
@@ -197,8 +190,7 @@ class Rules:
     alike_nats: float = 2.0
     """Gain that is no difference between two candidates."""
     nearly_share: float = 0.9
-    """Share of the best candidate's gain from which on a simpler one of its channels is tried in its place, where
-    others were named after it."""
+    """Share of the best's gain from which a simpler one of its channels is tried instead, if others came after it."""
     weak_share: float = 0.5
     """Share of the largest gain that a candidate must reach, accepted or not as that one may be: a weak one is not the
     answer to a strong disagreement that the scenes dispute."""
@@ -216,8 +208,7 @@ class Rules:
     curve_level: float = 0.005
     """Of the sign-flip test of a free curve: curves are many and bend anywhere."""
     curve_factor: float = 1.1
-    """To say that an effect is not in the catalogue a free curve must gain so many times what the named effects of its
-    channel gain together ..."""
+    """To say `not_in_catalogue` a free curve must gain so many times what its channel's named effects do ..."""
     curve_margin_nats: float = 10.0
     """... and so much more."""
 
@@ -265,10 +256,20 @@ class Rules:
     testable_times: float = 4.0
     """Multiple of a size up to which more scenes of the same kind are advised: sixteen times as many."""
     taken_share: float = 0.5
-    """Share of an effect that nuisances take up, from which on they are said to hide it; below it too few rays show
-    it."""
+    """Share of an effect taken up by nuisances, from which on they are said to hide it; else too few rays show it."""
     agreeing_scenes: int = 7
     """Scenes that must each gain a nat or so for the test over scenes to pass at `agreement_level`: 2 x 2^-7."""
+
+    other_surface_m: float = 0.3
+    """Change of a range from which on another surface is met."""
+    ray_nats: float = 4.0
+    """What one ray counts for at most: a reading far off, or a lost ray, costs the null about that much."""
+    strange_nats: float = 2.0
+    """What a reading is worth that the null has no place for (early, between two surfaces) ..."""
+    empty_column_nats: float = 30.0
+    """... and a column without any return, of which the null must lose ray by ray."""
+    rounding_nats: float = 1e-3
+    """What a scene may gain of an effect that does nothing in it: sums of float32 over its rays do not end at zero."""
 
     # Regimes: whether an effect acts everywhere.
     regime_level: float = 0.05
@@ -296,8 +297,7 @@ class Rules:
     usual_random_loss: float = 0.02
     """... and rays lost within smooth surfaces."""
     coarser_step: float = 1.5
-    """A sensor's lattice is missing, and an effect that rounds a candidate, if its step is this many times the
-    simulator's."""
+    """A lattice is missing, and an effect that rounds a candidate, if its step is so many times the simulator's."""
 
     # Confirm: whether unseen scenes bear an answer out.
     confirmed_nats: float = 0.0
@@ -312,6 +312,8 @@ class Rules:
     the catalogue. Set on development cases, whose laws differ from the catalogue's too."""
     not_worse_share: float = 0.01
     """Share of its distance by which a channel may grow and still count as not worse."""
+    most_off_m: float = 1.0
+    """Error of a range that counts at most in the gap: a reading of another surface is as wrong as any."""
     fewest_curve_rays: int = 200
     """Rays below which no curve of residuals is drawn."""
     candidates_listed: int = 12
@@ -335,14 +337,23 @@ class Rules:
     unpaired_most_effects: int = 3
     """Effects on intensity that are named at most."""
     unpaired_curve_factor: float = 1.3
-    """A free curve must gain so many times what the best effect does, and `curve_margin_nats` more, to say that it is
-    none of them."""
+    """A free curve must gain so many times what the best effect does, and `curve_margin_nats` more, to be none."""
     unpaired_few_scenes: int = 16
     """Find scenes of both sides below which a note says that weak effects cannot be told."""
     unpaired_same_m: float = 0.3
     """Frames of one name whose ranges agree this well ..."""
     unpaired_same_share: float = 0.5
     """... at more than this share of the rays show the same street: a note says that they need not be unpaired."""
+    unpaired_level_rise: float = 0.9
+    """Vertical part of a normal above which a surface is level ..."""
+    unpaired_below_m: float = 0.3
+    """... and how far below the sensor: the median height of such is the ground's."""
+    unpaired_ground_rise: float = 0.7
+    """Kinds of surfaces: ground is flatter than this (vertical part of the normal, 45 degrees) ..."""
+    unpaired_ground_m: float = 0.4
+    """... and lies no higher than this above the median of it ..."""
+    unpaired_upright_rise: float = 0.5
+    """... what is steeper than this (60 degrees) is upright, and all else a kind of its own."""
     unpaired_sure_hits: float = 0.98
     """Share of simulated rays that hit something in the rows in which losses of single rays are compared."""
     unpaired_fewest_rows: int = 3
@@ -353,8 +364,11 @@ class Rules:
     unpaired_hidden_share: float = 0.5
     """Share of a side's frames in which a column is empty, from where it belongs to a hidden sector."""
     unpaired_smooth_share: float = 0.05
-    """A lost ray lay on a smooth surface if its neighbours to both sides returned, with ranges this close, as a
-    share."""
+    """A lost ray lay on a smooth surface if the neighbours beside it returned, ranges no farther apart, as a share."""
+    unpaired_lost_exchanges: int = 2000
+    """Exchanges of scenes between the sides for lost rays, which cost next to nothing."""
+    unpaired_parts: tuple[int, int] = (3, 6)
+    """Parts of the rows and of the azimuth whose losses are compared."""
     unpaired_uneven: float = 2.5
     """Losses of one probability differ by less than this factor between parts of the rows and of the azimuth."""
 

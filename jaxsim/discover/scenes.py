@@ -48,8 +48,6 @@ __all__ = [
     "split_scenes",
     "student_reach",
 ]
-ALL_SIGNS = 12
-"""Scenes up to which all signs are tried."""
 
 
 @dataclass(frozen=True)
@@ -99,9 +97,9 @@ def clipped(gain: Float[np.ndarray, " s"]) -> Float[np.ndarray, " s"]:
 
 
 def signs_of(scenes: int) -> Float[np.ndarray, "k s"]:
-    """All ways to give the scenes signs, up to ALL_SIGNS of them; else `Rules.sign_draws` at random, the first all
-    positive: it is what was measured."""
-    if scenes <= ALL_SIGNS:
+    """All ways to give the scenes signs, or where these are more than `Rules.sign_draws`, so many at random, the first
+    all positive: it is what was measured."""
+    if 2**scenes <= RULES.sign_draws:
         # Bit j of k turns scene j round; k = 0 turns none, which is what was measured.
         return 1.0 - 2 * ((np.arange(2**scenes)[:, None] >> np.arange(scenes)) & 1)
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (RULES.sign_draws, scenes))
@@ -127,6 +125,13 @@ def p_value(gains: Float[np.ndarray, " s"]) -> float:
         return 1.0
     # Sums of the same gains in another order differ by rounding: what was measured must reach itself.
     return float(np.mean(signs_of(len(gains)) @ gains >= gains.sum() - 1e-12))
+
+
+def attainable(level: float, scenes: int, *, tests: int = 1) -> float:
+    """The level, or the probability that perfect agreement of so few scenes has in the better of so many tests, where
+    that is larger: then all must agree."""
+    # A percent above it: what reaches it exactly passes.
+    return max(level, 1.01 * tests * 2.0**-scenes)
 
 
 def chance_of_best(rates: Float[np.ndarray, "c s"], best: int) -> float:

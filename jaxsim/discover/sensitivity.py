@@ -47,16 +47,6 @@ OF_MEAN = (DEGREES + 1) / (DEGREES + 3)
 """Fisher's information of a Student-t in its location, over that of a normal of the same scale ..."""
 OF_SCALE = DEGREES / (DEGREES + 3)
 """... and in its scale."""
-SURFACE_M = 0.3
-"""Change of a range from which on another surface is met."""
-MOST_NATS = 4.0
-"""What one ray counts for at most: a reading far off, or a lost ray, costs the null about that much."""
-STRANGE_NATS = 2.0
-"""What a reading is worth that the null has no place for (early, between two surfaces) ..."""
-EMPTY_NATS = 30.0
-"""... and a column without any return, of which the null must lose ray by ray."""
-ROUNDING_NATS = 1e-3
-"""What a scene may gain of an effect that does nothing in it: sums of float32 over its rays do not end at zero."""
 TAKERS = {
     "intensity": "levels of classes, streets and surfaces",
     "range": "the frames' own poses and the noise of ranges",
@@ -175,7 +165,7 @@ def _size(change: Any) -> float:
 def _times(by_scene: Float[np.ndarray, " s"], needed: float) -> float | None:
     """The multiple of the size from which on naming could pass its bar and its test over scenes; None if never."""
     # Naming asks for the sum and for agreement: the weakest of the scenes that must agree decides.
-    gained = np.where(np.abs(by_scene) > ROUNDING_NATS, by_scene, 0)
+    gained = np.where(np.abs(by_scene) > RULES.rounding_nats, by_scene, 0)
     order = np.sort(gained)[::-1]
     total = clipped(gained).sum()
     agree = min(len(order), RULES.agreeing_scenes) - 1
@@ -215,8 +205,8 @@ def _expected(ev: Evidence, before: Rays, after: Rays, *, noise: Noise, equation
         _of_loss(ev, before, after, noise=noise),
     ]
     # No nuisance takes up what the null has no place for.
-    strange = STRANGE_NATS * _strange(before, after).sum((1, 2))
-    strange = strange + EMPTY_NATS * _more(before.column_loss, after.column_loss).mean(-1).sum(-1)
+    strange = RULES.strange_nats * _strange(before, after).sum((1, 2))
+    strange = strange + RULES.empty_column_nats * _more(before.column_loss, after.column_loss).mean(-1).sum(-1)
     return sum(held for held, _ in parts) + strange, sum(free for _, free in parts) + strange
 
 
@@ -231,18 +221,18 @@ def _of_intensity(ev: Evidence, before: Rays, after: Rays, *, equations: NormalE
 
 def _of_range(ev: Evidence, before: Rays, after: Rays, *, equations: NormalEquations) -> HeldAndFree:
     change = jnp.where(ev.smooth & after.hit, after.reading_m - before.reading_m, 0)
-    near = jnp.abs(change) < jnp.maximum(SURFACE_M, POSE_MOST * before.range_m)
+    near = jnp.abs(change) < jnp.maximum(RULES.other_surface_m, POSE_MOST * before.range_m)
     read = replace(ev, range_m=jnp.where(near, before.reading_m + change, before.reading_m))
     shift, cost = pose_shift(read, equations, before.reading_m, on=ev.smooth)
     weight = OF_MEAN * equations.range_
-    other = jnp.where(near, 0, MOST_NATS).sum((1, 2))
+    other = jnp.where(near, 0, RULES.ray_nats).sum((1, 2))
     held = _nats(weight, jnp.where(near, change, 0)).sum((1, 2))
     free = _nats(weight, jnp.where(near, change - shift, 0)).sum((1, 2))
     return held + other, free + other + OF_MEAN * cost
 
 
 def _nats(weight: Float[Array, "b c r"], off: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
-    return jnp.minimum(0.5 * weight * off**2, MOST_NATS)
+    return jnp.minimum(0.5 * weight * off**2, RULES.ray_nats)
 
 
 def _of_spread(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> HeldAndFree:
@@ -269,24 +259,25 @@ def _of_loss(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> HeldAn
     smooth = counted & ~stepped & ~sky
     rate = 1 - jnp.clip(usual, 1e-6, 1 - 1e-6)
     held = rate
-    for place, name in ((smooth, "drop"), (stepped, "drop_edge"), (sky, None)):
-        mean = jnp.where(place, lost, 0).sum() / jnp.maximum(place.sum(), 1)
+    for rays, name in ((smooth, "drop"), (stepped, "drop_edge"), (sky, None)):
+        mean = jnp.where(rays, lost, 0).sum() / jnp.maximum(rays.sum(), 1)
         bound = 1.0 if name is None else 1 / (1 + jnp.exp(-MOST[name]))
         # It may fall below what the null has, and rise to the bound.
-        held = jnp.where(place, jnp.clip(mean, 1e-6, jnp.maximum(bound, rate)), held)
+        held = jnp.where(rays, jnp.clip(mean, 1e-6, jnp.maximum(bound, rate)), held)
     return _bernoulli(lost, rate, counted), _bernoulli(lost, held, counted)
 
 
 def _bernoulli(p: Float[Array, "b c r"], q: Float[Array, "b c r"], where: Bool[Array, "b c r"]) -> Float[Array, " b"]:
     nats = p * jnp.log(p / q) + (1 - p) * jnp.log((1 - p) / (1 - q))
-    return jnp.where(where, jnp.minimum(nats, MOST_NATS), 0).sum((1, 2))
+    return jnp.where(where, jnp.minimum(nats, RULES.ray_nats), 0).sum((1, 2))
 
 
 def _strange(before: Rays, after: Rays) -> Float[Array, "b c r"]:
     """Readings to expect of each ray that the null has no place for."""
-    apart = jnp.abs(after.between_m - after.reading_m) > SURFACE_M
+    apart = jnp.abs(after.between_m - after.reading_m) > RULES.other_surface_m
     between = jnp.where(apart, _more(before.between, after.between), 0)
-    ghost = jnp.where(jnp.abs(after.ghost_m - after.reading_m) > SURFACE_M, _more(before.ghost, after.ghost), 0)
+    beyond = jnp.abs(after.ghost_m - after.reading_m) > RULES.other_surface_m
+    ghost = jnp.where(beyond, _more(before.ghost, after.ghost), 0)
     return between + ghost + _more(before.clutter, after.clutter)
 
 

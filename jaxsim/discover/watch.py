@@ -21,7 +21,7 @@ from jaxsim.discover.scenes import difference_interval
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import grid_difference
 
-SECTORS = 12
+PARTS_OF_TURN = 12
 """Parts of the columns: 30 degrees each of a whole turn."""
 _LEAST = 1e-3
 """Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm."""
@@ -89,8 +89,8 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
     valid = np.asarray(image.valid)
     log_intensity = np.log(np.maximum(np.asarray(image.intensity), _LEAST))
     # The whole frame, then its rows, then its sectors: the order of `measure_names`.
-    parts = [valid, *valid, *np.array_split(valid, SECTORS, axis=1)]
-    values = [log_intensity, *log_intensity, *np.array_split(log_intensity, SECTORS, axis=1)]
+    parts = [valid, *valid, *np.array_split(valid, PARTS_OF_TURN, axis=1)]
+    values = [log_intensity, *log_intensity, *np.array_split(log_intensity, PARTS_OF_TURN, axis=1)]
     share = np.array([part.mean() for part in parts])
     level = np.array([v[part].mean() if part.any() else np.nan for v, part in zip(values, parts, strict=True)])
     for one in (share, level):
@@ -103,7 +103,7 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
 def measure_names(grid: PolarGrid) -> list[tuple[str, str]]:
     """Name and channel of each number of `measures`."""
     degrees = np.rad2deg(np.asarray(grid.azimuth_rad))
-    edges = [(part[0], part[-1]) for part in np.array_split(degrees, SECTORS)]
+    edges = [(part[0], part[-1]) for part in np.array_split(degrees, PARTS_OF_TURN)]
     sectors = [f"sector {k} (from {left:.0f} to {right:.0f} degrees)" for k, (left, right) in enumerate(edges)]
     names = ["all", *(f"row {k}" for k in range(len(grid.elevation_rad))), *sectors]
     return [(name, channel) for channel in ("intensity", "returns") for name in names]

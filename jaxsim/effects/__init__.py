@@ -23,14 +23,14 @@ In the order of reading:
 """
 
 from jaxsim.effects.catalogue import EFFECTS, get_effect
-from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Law, Parameter
+from jaxsim.effects.effect import CHANNELS, COVARIATE_NAMES, STAGES, Effect, Law, Parameter
 from jaxsim.effects.places import all_rays
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
 
 __all__ = [
     "CHANNELS",
-    "COVARIATES",
+    "COVARIATE_NAMES",
     "EFFECTS",
     "STAGES",
     "Effect",

@@ -21,11 +21,11 @@ from jaxtyping import Float
 
 from jaxsim.effects.catalogue import EFFECTS
 from jaxsim.effects.chain import apply_law
-from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Parameter, check_bounds, check_names
+from jaxsim.effects.effect import CHANNELS, COVARIATE_NAMES, STAGES, Effect, Parameter, check_bounds, check_names
 from jaxsim.effects.origin import OwnEffect
 from jaxsim.effects.places import all_rays
 from jaxsim.effects.rays import Rays, Scan
-from jaxsim.effects.scan import scan_of
+from jaxsim.effects.scan import SIGN, scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 
 RESERVED = ("new", "check", "nothing")
@@ -51,7 +51,7 @@ CATALOGUE_ALONE = {
     ),
 }
 """Fields of which the model asks for an effect's name, and why."""
-FREE = ("log_power", *IDLE)
+SILENT = ("log_power", *IDLE)
 """Fields that show in no channel by themselves."""
 NEUTRAL = 1e-6
 """Relative and absolute change of a ray that counts as none."""
@@ -60,7 +60,6 @@ HEIGHT_M = 1.73
 ROAD = 7
 HOUSE = 11
 POLE = 17
-SIGN = 20
 TREE = 21
 CAR = 26
 ALBEDO = {ROAD: 0.15, HOUSE: 0.4, POLE: 0.5, SIGN: 0.95, TREE: 0.3, CAR: 0.6}
@@ -95,7 +94,10 @@ def check_row(effect: Effect) -> None:
     for text in ("title", "formula"):
         if not isinstance(getattr(effect, text), str) or not getattr(effect, text).strip():
             raise ValueError(f"its {text} is empty; say in a line what it is")
-    for kind, given, known in (("channels", effect.channels, CHANNELS), ("covariates", effect.covariates, COVARIATES)):
+    for kind, given, known in (
+        ("channels", effect.channels, CHANNELS),
+        ("covariates", effect.covariates, COVARIATE_NAMES),
+    ):
         # A tuple of one is often written as a string.
         unknown = [given] if isinstance(given, str) else [one for one in given if one not in known]
         if unknown or (kind == "channels" and not given):
@@ -133,7 +135,7 @@ def check_apply(effect: Effect) -> None:
     scan, before = _street()
     rows = scan.range_m.shape[1]
     touched: set[str] = set()
-    for setting, given in settings(effect):
+    for setting, given in trial_values(effect):
         values = effect.values(given, rows)
         after = _applied(effect, values, before, setting=setting)
         _check_fields(effect, before, after, setting=setting)
@@ -173,7 +175,7 @@ def _street() -> tuple[Scan, Rays]:
     )
 
 
-def settings(effect: Effect) -> list[tuple[str, dict[str, float]]]:
+def trial_values(effect: Effect) -> list[tuple[str, dict[str, float]]]:
     """Values that an effect must bear, each with what errors call it: neutral first."""
     parameters = effect.parameters
     seen = {
@@ -202,7 +204,7 @@ def _applied(effect: Effect, values: dict[str, Any], rays: Rays, *, setting: str
 
 def _check_fields(effect: Effect, before: Rays, after: Rays, *, setting: str) -> None:
     """Shapes, dtypes, numbers that are none, probabilities, and fields that are not an effect's to change."""
-    allowed = {*CHANGED, *FREE, *(AIM if effect.casts else ())}
+    allowed = {*CHANGED, *SILENT, *(AIM if effect.casts else ())}
     for name, was in _fields(before).items():
         now = getattr(after, name)
         if np.shape(now) != was.shape or getattr(now, "dtype", None) != was.dtype:

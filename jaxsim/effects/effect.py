@@ -10,17 +10,16 @@ from typing import Any, Literal
 import jax.numpy as jnp
 
 from jaxsim.effects.rays import Array, Rays
+from jaxsim.frame import CLASSES
 
 STAGES = ("geometry", "surface", "path", "receiver", "detection", "ranging")
 """Stages in physical order: effects of an earlier stage act first."""
 CHANNELS = ("intensity", "range", "drop")
-COVARIATES = (
+COVARIATE_NAMES = (
     *("range", "incidence", "row", "column", "azimuth", "class", "instance", "power", "intensity", "step"),
     *("time", "frame", "speed", "rgb", "heading"),
 )
 """What residuals can depend on: `step` is the depth step to a neighbour, `time` the time within the scan."""
-CLASSES = 34
-"""Cityscapes ids 0..33."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class Law:
     """How many times the surfaces are looked up that its rays meet (`recast`); 0 of a law that turns and moves no
     ray."""
     covariates: tuple[str, ...] = ()
-    """The covariates, of `COVARIATES`, that residuals depend on where it acts."""
+    """The covariates, of `COVARIATE_NAMES`, that residuals depend on where it acts."""
     clutter: bool = False
     """Whether it puts false returns before surfaces; the likelihood has that component only where one law does."""
     of_recording: bool = False

@@ -25,12 +25,12 @@ from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import READ, TURN, Array, Rays, Scan
 from jaxsim.files import check_keys, real
 
-KINDS = ("curve", "table", "periodic", "product", "wave")
+LAW_KINDS = ("curve", "table", "periodic", "product", "wave")
 LIMITS = {"intensity": (-2.0, 2.0), "range": (-1.0, 1.0), "drop": (0.0, 0.95)}
 """Least and most that a law may change: ln I in nats, the reading in m; share of echoes lost."""
 MOST_SD = 1e3
 """... and, times the most, the largest standard deviation: a knot that nothing was seen of has a large one."""
-UNITS = {"intensity": "nats", "range": "m", "drop": ""}
+CHANGE_UNITS = {"intensity": "nats", "range": "m", "drop": ""}
 CHANGE: dict[str, Callable[[Rays, Array], Rays]] = {"intensity": brighten, "range": misread, "drop": lose}
 TABLES = ("row", "column", "class", "even rows", "even columns")
 TURNING = ("azimuth", "heading", "hue angle")
@@ -61,7 +61,7 @@ class Learned:
     knots: tuple[Numbers, ...]
     """Knots of each covariate, rising, in the unit in which it is compared."""
     values: Numbers
-    """The height at each knot, in UNITS; of a product row by row, the second covariate's knots together."""
+    """The height at each knot, in CHANGE_UNITS; of a product row by row, the second covariate's knots together."""
     sd: Numbers
     """Standard deviation of each, by the jackknife over groups of scenes."""
 
@@ -71,8 +71,8 @@ class Learned:
 
         if self.channel not in LIMITS:
             raise refuse(f"channel {self.channel!r} is not known; known are {', '.join(LIMITS)}")
-        if self.kind not in KINDS:
-            raise refuse(f"kind {self.kind!r} is not known; known are {', '.join(KINDS)}")
+        if self.kind not in LAW_KINDS:
+            raise refuse(f"kind {self.kind!r} is not known; known are {', '.join(LAW_KINDS)}")
         if unknown := [name for name in self.covariates if name not in READ]:
             raise refuse(f"covariate {unknown[0]!r} is not known; known are {', '.join(READ)}")
         wanted = {"product": (2,), "table": (1, 2), "wave": (1, 2)}.get(self.kind, (1,))
@@ -91,9 +91,9 @@ class Learned:
         low, high = LIMITS[self.channel]
         low = -high if self.kind == "wave" else low
         if not all(low <= value <= high for value in self.values):
-            raise refuse(f"values must lie within {low:g} and {high:g} {UNITS[self.channel]}")
+            raise refuse(f"values must lie within {low:g} and {high:g} {CHANGE_UNITS[self.channel]}")
         if not all(0 <= sd <= MOST_SD * high for sd in self.sd):
-            raise refuse(f"sd must lie within 0 and {MOST_SD * high:g} {UNITS[self.channel]}")
+            raise refuse(f"sd must lie within 0 and {MOST_SD * high:g} {CHANGE_UNITS[self.channel]}")
 
     @property
     def name(self) -> str:

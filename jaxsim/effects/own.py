@@ -45,11 +45,11 @@ def known_effects(files: Sequence[Path | str] = ()) -> dict[str, Effect]:
                 "rename one, or leave it out"
             )
         taken[effect.name] = effect.origin
-        register(effect)
+        register_effect(effect)
     return dict(EFFECTS)
 
 
-def register(effect: OwnEffect) -> None:
+def register_effect(effect: OwnEffect) -> None:
     """Makes an effect known, at the end of its stage; one of the same name and from elsewhere gives way."""
     others = {name: one for name, one in EFFECTS.items() if name != effect.name}
     # EFFECTS is in physical order, which chains follow.

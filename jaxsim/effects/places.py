@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.rays import FLOOR, REFERENCE_M, Rays, Scan
@@ -24,6 +25,18 @@ def spans_turn(grid: PolarGrid) -> Bool[Array, ""]:
 def on_turn(column: Int[Array, "*n"], columns: int, full: Bool[Array, ""]) -> Int[Array, "*n"]:
     """Columns that lie in the image: past the border of a full turn those of its other side, else the border's."""
     return jnp.where(full, column % columns, jnp.clip(column, 0, columns - 1))
+
+
+def longest_run(flags: Bool[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, " k"]:
+    """Places of the longest run of flags that are set; of a `closed` ring they count on past its seam, from n on."""
+    # A ring is laid out twice: a run across its seam lies whole in the middle.
+    places = np.flatnonzero(np.tile(flags, 2) if closed else flags)
+    return max(np.split(places, np.flatnonzero(np.diff(places) > 1) + 1), key=len)[: len(flags)]
+
+
+def within_turn(azimuth_rad: float) -> float:
+    """The same azimuth from -pi to pi."""
+    return (azimuth_rad + np.pi) % (2 * np.pi) - np.pi
 
 
 def neighbours_m(scan: Scan) -> Float[Array, "f r c 4"]:

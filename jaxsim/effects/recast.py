@@ -25,7 +25,7 @@ BORDER = 2.0
 """Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""
 LEAST, MOST = 0.3, 3.0
 """Within these factors a plane's range and its cosine of incidence follow a displaced ray."""
-FAR_M = 200.0
+NOTHING_AT_M = 200.0
 """Where a ray that meets nothing is looked up after its origin moved."""
 
 
@@ -66,7 +66,7 @@ def is_told(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Bool[Ar
     row, column, inside = _cell_met(rays, scan, passes)
     surface = _surface(scan, (rays.frame, row, column))
     met, towards = _meet(rays, scan, surface, turned=rays.turned_rad, moved=rays.moved_m)
-    far = met / jnp.where(surface.hit, surface.range_m, FAR_M)
+    far = met / jnp.where(surface.hit, surface.range_m, NOTHING_AT_M)
     along = ((far <= LEAST) | (far >= MOST) | (towards <= LEAST) | (towards >= MOST)) & surface.hit
     ends = (jnp.isfinite(_beside(scan, (rays.frame, row, column))) != surface.hit[..., None]).any(-1)
     displaced = (rays.turned_rad != 0).any(-1) | (rays.moved_m != 0).any(-1)
@@ -154,7 +154,7 @@ def _beside(scan: Scan, at: Places) -> Float[Array, "*n 4"]:
 def _meet(
     rays: Rays, scan: Scan, surface: _Surface, *, turned: Float[Array, "*n 2"], moved: Float[Array, "*n 3"]
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
-    """Range at which the rays meet the planes (FAR_M where nothing is hit), and the cosine of incidence over the
+    """Range at which the rays meet the planes (NOTHING_AT_M where nothing is hit), and the cosine of incidence over the
     cell's."""
     grid, s = scan.grid, surface
     a, e = grid.azimuth_rad[s.column], grid.elevation_rad[s.row]
@@ -179,7 +179,7 @@ def _meet(
     # Where nothing is hit no quotient may come out as not a number, for its derivative would.
     safe = jnp.where(s.hit, s.range_m, 1.0)
     share = jnp.clip((1 - (o[0] + s.u * o[1] + s.v * o[2]) / safe) / towards, LEAST, MOST)
-    return jnp.where(s.hit, safe * share, FAR_M), towards
+    return jnp.where(s.hit, safe * share, NOTHING_AT_M), towards
 
 
 def _place(rays: Rays, scan: Scan, s: _Surface, *, met_m: Float[Array, "*n"], turn: Float[Array, "*n 2"]) -> Rays:
@@ -190,9 +190,9 @@ def _place(rays: Rays, scan: Scan, s: _Surface, *, met_m: Float[Array, "*n"], tu
     """
     at = (rays.frame, s.row, s.column)
     range_m = jnp.where(s.hit, met_m, 0.0)
-    own = (rays.frame, rays.row, rays.column)
-    same = scan.hit[own] & s.hit & (scan.semantic[at] == scan.semantic[own])
-    same = same & (scan.instance[at] == scan.instance[own])
+    cell = (rays.frame, rays.row, rays.column)
+    same = scan.hit[cell] & s.hit & (scan.semantic[at] == scan.semantic[cell])
+    same = same & (scan.instance[at] == scan.instance[cell])
     of = (rays.frame, jnp.where(same, rays.row, s.row), jnp.where(same, rays.column, s.column))
     _, cosine = _meet(rays, scan, _surface(scan, of), turned=turn, moved=jnp.zeros_like(rays.moved_m))
     angle, intensity = scan.incidence_rad[of], scan.intensity[of]

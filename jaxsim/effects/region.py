@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeVar
@@ -13,11 +12,10 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from jaxsim.effects.effect import Law
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import TURN, Array, Rays, Scan
 from jaxsim.files import parse_settings, placed
 
-TURN = 2 * math.pi
-FAR = 1e9
+FOREVER_S = 1e9
 """Seconds that no recording lasts."""
 L = TypeVar("L", bound=Law)
 Span = tuple[float | None, float | None]
@@ -43,8 +41,8 @@ class Region:
         if self.azimuth_rad is None and self.time_s is None and self.tag is None and not self.scenes:
             raise ValueError("where: nothing is said; give azimuth_rad, time_s, tag or scenes, or leave `where` out")
         ends = [*(self.azimuth_rad or ()), *(one for one in self.time_s or () if one is not None)]
-        if any(not abs(end) <= FAR for end in ends):
-            raise ValueError(f"where: {ends} are no radians or seconds; each must lie within {FAR:g}")
+        if any(not abs(end) <= FOREVER_S for end in ends):
+            raise ValueError(f"where: {ends} are no radians or seconds; each must lie within {FOREVER_S:g}")
         if self.azimuth_rad is not None:
             low, high = self.azimuth_rad
             if not 0 < high - low < TURN:

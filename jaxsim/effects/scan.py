@@ -12,13 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.effects.edits import wrapped
-from jaxsim.effects.effect import CLASSES
 from jaxsim.effects.places import on_turn, spans_turn
 from jaxsim.effects.rays import Scan
-from jaxsim.frame import Array, PolarGrid, PolarImage
+from jaxsim.frame import CLASSES, Array, PolarGrid, PolarImage
 from jaxsim.geometry import incidence
 
-BRIGHT = 0.9
+BLOOMS_FROM = 0.9
 """Intensity from which a surface blooms."""
 SIGN = 20
 """Cityscapes id of traffic signs."""
@@ -36,7 +35,7 @@ _NEAR, _BEYOND = slice(1, 5), slice(5, 9)
 def scan_of(
     grid: PolarGrid,
     images: Sequence[PolarImage],
-    more: Sequence[Mapping[str, np.ndarray]] | None = None,
+    further: Sequence[Mapping[str, np.ndarray]] | None = None,
     *,
     about: Sequence[Mapping[str, Any]] | None = None,
 ) -> Scan:
@@ -51,13 +50,13 @@ def scan_of(
     """
     if not images:
         raise ValueError("scan_of: no frames; give one simulated frame or more")
-    more, about = more or [{}] * len(images), about or [{}] * len(images)
-    if not len(images) == len(more) == len(about):
+    further, about = further or [{}] * len(images), about or [{}] * len(images)
+    if not len(images) == len(further) == len(about):
         raise ValueError(
-            f"scan_of: {len(images)} images, {len(more)} x further rasters, {len(about)} x about; one each"
+            f"scan_of: {len(images)} images, {len(further)} x further rasters, {len(about)} x about; one each"
         )
     grid = jax.tree.map(lambda x: np.asarray(x, np.float32), grid)
-    frames = [_frame(grid, *frame, number=k) for k, frame in enumerate(zip(images, more, strict=True))]
+    frames = [_frame(grid, *frame, number=k) for k, frame in enumerate(zip(images, further, strict=True))]
     stacked = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
     time_s = _per_frame(about, "time", np.float64)
     return Scan(
@@ -88,10 +87,12 @@ def _per_frame(about: Sequence[Mapping[str, Any]], key: str, dtype: Any) -> np.n
     return values
 
 
-def _frame(grid: PolarGrid, image: PolarImage, more: Mapping[str, np.ndarray], *, number: int) -> dict[str, np.ndarray]:
+def _frame(
+    grid: PolarGrid, image: PolarImage, further: Mapping[str, np.ndarray], *, number: int
+) -> dict[str, np.ndarray]:
     """One frame's rasters by the names of `Scan`."""
     shape = (len(grid.elevation_rad), len(grid.azimuth_rad))
-    rasters = {"range": image.range_m, "intensity": image.intensity, "valid": image.valid, **more}
+    rasters = {"range": image.range_m, "intensity": image.intensity, "valid": image.valid, **further}
     for name, raster in rasters.items():
         if np.shape(raster)[:2] != shape:
             raise ValueError(f"scan_of: frame {number}: {name} is {np.shape(raster)}, the grid {shape}")
@@ -99,23 +100,23 @@ def _frame(grid: PolarGrid, image: PolarImage, more: Mapping[str, np.ndarray], *
     range_m = np.where(hit, image.range_m, 0).astype(np.float32)
     # What did not return has no intensity, whatever a file keeps there.
     intensity = np.where(hit, image.intensity, 0).astype(np.float32)
-    semantic = np.asarray(more.get("semantic", np.zeros(shape)), np.int32)
+    semantic = np.asarray(further.get("semantic", np.zeros(shape)), np.int32)
     if semantic.min() < 0 or semantic.max() >= CLASSES:
         raise ValueError(
             f"scan_of: frame {number}: semantic spans {semantic.min()}..{semantic.max()}; it must hold Cityscapes ids "
             f"0..{CLASSES - 1}, 0 where the class is not known"
         )
     # A renderer that has no retroreflection still knows which surfaces are signs.
-    glare_m, glare_rad = nearest_glare(grid, range_m, hit & ((intensity >= BRIGHT) | (semantic == SIGN)))
+    glare_m, glare_rad = nearest_glare(grid, range_m, hit & ((intensity >= BLOOMS_FROM) | (semantic == SIGN)))
     return {
         "range_m": range_m,
         "hit": hit,
         "intensity": intensity,
-        "incidence_rad": _incidence(grid, range_m, hit, given=more.get("incidence"), number=number),
+        "incidence_rad": _incidence(grid, range_m, hit, given=further.get("incidence"), number=number),
         "semantic": semantic,
-        "instance": np.asarray(more.get("instance", np.zeros(shape)), np.int32),
-        "rgb": np.asarray(more.get("rgb", np.zeros((*shape, 3))), np.float32) / 255,
-        "phase": _phase(shape, hit, more.get("time")),
+        "instance": np.asarray(further.get("instance", np.zeros(shape)), np.int32),
+        "rgb": np.asarray(further.get("rgb", np.zeros((*shape, 3))), np.float32) / 255,
+        "phase": _phase(shape, hit, further.get("time")),
         "glare_m": glare_m,
         "glare_rad": glare_rad,
         "slopes": np.asarray(slopes_of(grid, range_m, hit)),

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
-from jaxsim.engines.engine import Answer, Engine, Estimate, Setting, any_loss, combined, degrees, root_of_squares
+from jaxsim.engines.engine import Engine, Estimate, FittedSensor, Setting, any_loss, combined, degrees, root_of_squares
 
 _SURFACE = (
     "its intensity is exp(-rate · distance) whatever the surface; apply it behind the sensor, to "
@@ -42,7 +42,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
     """CARLA's attributes, `now` what they are in the frames that were compared."""
     told: list[Setting] = []
     extinction = answer.one("atmospheric_extinction", "coefficient_per_m")
@@ -61,18 +61,18 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     return told + mounting(answer)
 
 
-REACH_M = np.geomspace(2.0, 120.0, 80)
+LOSS_RANGES_M = np.geomspace(2.0, 120.0, 80)
 """Distances at which losses are held against CARLA's: as many in each stretch as rays of a street are, about."""
-NO_LOSS = 0.01
-"""Share of rays that a threshold on the power may lose within REACH_M and still count as none."""
+LEAST_LOSS = 0.01
+"""Share of rays that a threshold on the power may lose within LOSS_RANGES_M and still count as none."""
 
 
-def losses(answer: Answer, now: Mapping[str, float], *, rate: float) -> list[Setting]:
+def losses(answer: FittedSensor, now: Mapping[str, float], *, rate: float) -> list[Setting]:
     """Drop-off and reach that lose as many rays at each distance as the answer, with an attenuation of `rate`.
 
     CARLA loses every class alike: of `material_dropout` it takes the mean over classes. `snr_dropout` has CARLA's own
     losses among its forms; of its other form, a threshold on the power, CARLA's echoes make one on distance: a cut, or
-    losses by intensity, whichever comes nearer over REACH_M (least squares).
+    losses by intensity, whichever comes nearer over LOSS_RANGES_M (least squares).
     """
     of_classes = mean_by_certainty(answer.each("material_dropout", "probability"))
     even = combined(
@@ -84,13 +84,13 @@ def losses(answer: Answer, now: Mapping[str, float], *, rate: float) -> list[Set
         reach, why_reach = faint.reach, faint.why
     if faint.general is not None:
         even = combined(even, faint.general, how=any_loss)
-    found = [Setting(name, value, "", faint.why) for name, value in faint.drop_off.items()]
+    attributes = [Setting(name, value, "", faint.why) for name, value in faint.drop_off.items()]
     if even is not None:
         value = even.mapped(lambda p: any_loss((now["dropoff_general_rate"], p)))
-        found.insert(0, Setting("dropoff_general_rate", value, "", "rays lost, every ray alike"))
+        attributes.insert(0, Setting("dropoff_general_rate", value, "", "rays lost, every ray alike"))
     if reach is not None:
-        found.append(Setting("range", reach, "m", why_reach))
-    return found
+        attributes.append(Setting("range", reach, "m", why_reach))
+    return attributes
 
 
 class Faint(NamedTuple):
@@ -105,7 +105,7 @@ class Faint(NamedTuple):
     """A longest range in their place, m."""
 
 
-def faint_losses(answer: Answer, *, rate: float) -> Faint:
+def faint_losses(answer: FittedSensor, *, rate: float) -> Faint:
     """What `snr_dropout` says: CARLA's own losses, those of CARLA's that come nearest, or a cut where that comes
     nearer."""
     if "snr_dropout" not in answer.effects:
@@ -118,16 +118,16 @@ def faint_losses(answer: Answer, *, rate: float) -> Faint:
     threshold, width = given["threshold"], given["width"]
     limit, zero = given["limit"], given["zero_loss"]
     # ln of the power that the effect sees: the reported intensity over the square of the distance.
-    intensity = np.exp(-rate * REACH_M)
-    log_power = np.log(intensity) - 2 * np.log(REACH_M / REFERENCE_M)
+    intensity = np.exp(-rate * LOSS_RANGES_M)
+    log_power = np.log(intensity) - 2 * np.log(LOSS_RANGES_M / REFERENCE_M)
     strong = 1 / (1 + np.exp(-(log_power - threshold.value) / width.value))
-    if zero.value > 0 and strong.min() > 1 - NO_LOSS:
+    if zero.value > 0 and strong.min() > 1 - LEAST_LOSS:
         drop_off = {"dropoff_intensity_limit": limit, "dropoff_zero_intensity": zero}
         return Faint("snr_dropout: its form below an intensity is CARLA's own", drop_off)
     kept = strong * (1 - zero.value * np.maximum(1 - intensity / limit.value, 0))
-    cut = threshold.mapped(lambda power: float(np.interp(-power, -log_power, REACH_M)))
+    cut = threshold.mapped(lambda power: float(np.interp(-power, -log_power, LOSS_RANGES_M)))
     nearest = nearest_drop_off(1 - kept, intensity)
-    if float(np.sum(((cut.value >= REACH_M) - kept) ** 2)) < nearest.off:
+    if float(np.sum(((cut.value >= LOSS_RANGES_M) - kept) ** 2)) < nearest.off:
         return Faint("snr_dropout: of CARLA's echoes, whose power is one of distance, this cut", reach=cut)
     drop_off = {"dropoff_intensity_limit": Estimate(nearest.limit), "dropoff_zero_intensity": Estimate(nearest.zero)}
     general = Estimate(nearest.general, nearest.general, nearest.general)
@@ -170,7 +170,7 @@ def nearest_drop_off(lost: Float[np.ndarray, " n"], intensity: Float[np.ndarray,
     return min(tried)
 
 
-def mounting(answer: Answer) -> list[Setting]:
+def mounting(answer: FittedSensor) -> list[Setting]:
     """The change of the sensor's transform, in CARLA's axes (y to the right, pitch up, yaw clockwise)."""
     names = {
         ("extrinsic_translation", "x_m"): ("x", 1, "m"),

@@ -26,7 +26,7 @@ class Estimate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Answer:
+class FittedSensor:
     """A sensor.json, with the intervals of the verdict.json beside it where there is one."""
 
     effects: dict[str, dict[str, tuple[Estimate, ...]]]
@@ -82,7 +82,7 @@ class Engine(NamedTuple):
     """A simulator that an answer can be written for."""
 
     title: str
-    settings: Callable[[Answer, Mapping[str, float]], list[Setting]]
+    settings: Callable[[FittedSensor, Mapping[str, float]], list[Setting]]
     """What it can express; the mapping holds the values that it has now."""
     expresses: frozenset[str]
     """Effects and levels that `settings` uses."""
@@ -98,7 +98,7 @@ class Engine(NamedTuple):
     """Its own values where nothing is set."""
 
 
-def read_answer(path: Path) -> Answer:
+def read_answer(path: Path) -> FittedSensor:
     """The answer of a sensor.json. Raises ValueError where it is none, as `SensorModel.load`."""
     model = SensorModel.load(path)
     told: dict[str, Any] = {}
@@ -114,7 +114,7 @@ def read_answer(path: Path) -> Answer:
     }
     missing = {one["name"]: one["missing"] for one in told.get("levels", []) if isinstance(one, dict)}
     levels = {name: _fitted(float(value), missing.get(name))[0] for name, value in model.levels.items()}
-    return Answer(effects, levels, len(model.learned))
+    return FittedSensor(effects, levels, len(model.learned))
 
 
 def _fitted(value: Any, interval: Any) -> tuple[Estimate, ...]:
@@ -132,7 +132,9 @@ def _ends(interval: Any, key: str, count: int) -> list[float]:
     return [float(end) if isinstance(end, int | float) else math.nan for end in ends]
 
 
-def translate(answer: Answer, name: str, engine: Engine, *, now: Mapping[str, float] | None = None) -> Translation:
+def translate(
+    answer: FittedSensor, name: str, engine: Engine, *, now: Mapping[str, float] | None = None
+) -> Translation:
     """An answer in the words of an engine, whose settings are `now` what the mapping says, else its defaults."""
     settings = engine.settings(answer, {**engine.defaults, **(now or {})})
     told = [*answer.effects, *answer.levels]
@@ -155,19 +157,19 @@ def combined(*parts: Estimate | None, how: Callable[[Sequence[float]], float]) -
     return Estimate(*(how([part[k] for part in given]) for k in range(3)))
 
 
-def noise_of_range(answer: Answer, name: str) -> list[Setting]:
+def noise_of_range(answer: FittedSensor, name: str) -> list[Setting]:
     """The engine's setting `name` of the range's noise; none where there is no such noise."""
     why = "noise of the range, one number for all echoes; of range_noise that at the reference power"
     return [Setting(name, answer.range_noise, "m", why)] if answer.range_noise else []
 
 
-def mean_bias(answer: Answer, name: str, more: str = "") -> list[Setting]:
+def mean_bias(answer: FittedSensor, name: str, more: str = "") -> list[Setting]:
     """The engine's setting `name` of the range's bias, which has one number for all beams; none without a bias."""
     bias = answer.each("beam_range_bias", "bias_m")
     return [Setting(name, mean_of(bias), "m", f"beam_range_bias, its mean over the beams{more}")] if bias else []
 
 
-def limits_of_range(answer: Answer, *, minimum: str, maximum: str) -> list[Setting]:
+def limits_of_range(answer: FittedSensor, *, minimum: str, maximum: str) -> list[Setting]:
     """The engine's settings of these names for the ranges that `range_gate` lets through."""
     ends = {minimum: answer.one("range_gate", "minimum_m"), maximum: answer.one("range_gate", "maximum_m")}
     return [Setting(name, end, "m", "range_gate") for name, end in ends.items() if end is not None]

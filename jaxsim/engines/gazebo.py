@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.engine import Answer, Engine, Setting, limits_of_range, mean_bias, noise_of_range
+from jaxsim.engines.engine import Engine, FittedSensor, Setting, limits_of_range, mean_bias, noise_of_range
 
 _RETRO = (
     "intensity is the number laser_retro of the visual that a ray hits, whatever range and angle: set it by surface, "
@@ -31,7 +31,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
     """Elements of <lidar>."""
     del now
     told = mean_bias(answer, "noise.mean")

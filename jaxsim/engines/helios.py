@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.engine import Answer, Engine, Setting, limits_of_range, noise_of_range
+from jaxsim.engines.engine import Engine, FittedSensor, Setting, limits_of_range, noise_of_range
 
 _MATERIAL = (
     "reflection is of the scene's materials (.mtl: helios_reflectance, and its Phong terms): change these for the "
@@ -34,7 +34,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
     """Attributes of <scanner>."""
     del now
     told: list[Setting] = []

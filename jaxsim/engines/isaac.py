@@ -9,7 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.engine import Answer, Engine, Estimate, Setting, degrees, limits_of_range, mean_of, noise_of_range
+from jaxsim.engines.engine import (
+    Engine,
+    Estimate,
+    FittedSensor,
+    Setting,
+    degrees,
+    limits_of_range,
+    mean_of,
+    noise_of_range,
+)
 
 _CORE = "omni:sensor:Core:"
 _EMITTER = f"{_CORE}emitterState:s001:"
@@ -33,7 +42,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
     """Attributes of the prim; those of emitters are changes, one an emitter, top beam first."""
     del now
     told: list[Setting] = []

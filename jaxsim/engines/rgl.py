@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from jaxsim.effects.catalogue.range_falloff import REFERENCE_M
-from jaxsim.engines.engine import Answer, Engine, Setting, mean_bias
+from jaxsim.engines.engine import Engine, FittedSensor, Setting, mean_bias
 
 _TEXTURE = (
     "intensity is the value of the mesh's texture (rgl_entity_set_intensity_texture), whatever range and angle: write "
@@ -36,7 +36,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
     """The arguments of the noise of distances."""
     del now
     told = mean_bias(answer, "distance.mean", ": the node knows no beams")

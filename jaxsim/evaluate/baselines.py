@@ -21,17 +21,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.files import need
-from jaxsim.frame import Pair
+from jaxsim.frame import CLASSES, Pair
 from jaxsim.metrics.paired import DROP_BELOW, GroupedCells, group_means, group_medians
 
-CLASSES = 34
-PLACES = 64
+BEAM_PLACES = 64
 """Lines that the table tells apart, as the network's `beam` does."""
 RANGES_M = np.array([3, 4, 5, 6, 7.5, 9, 11, 13, 16, 20, 25, 32, 42, 60])
 ANGLES_RAD = np.deg2rad([20, 40, 55, 65, 72, 78, 82, 86])
-ENOUGH = 30
+FEWEST_CELLS = 30
 """Training cells below which a cell of the table takes its line's median."""
-SIZES = (3, 7, 15)
+NEIGHBOURHOODS = (3, 7, 15)
 """Cells to a side of the surroundings."""
 ALONE = {"max_iter": 150, "learning_rate": 0.15}
 WITH_CONTEXT = {"max_iter": 300, "learning_rate": 0.08}
@@ -59,14 +58,14 @@ def row_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
 
 def place_in_table(pair: Pair) -> Int[np.ndarray, "rows columns"]:
     """The cell's place in the table of line, range and incidence."""
-    line = np.round(np.asarray(pair.row_share) * (PLACES - 1)).astype(int)
+    line = np.round(np.asarray(pair.row_share) * (BEAM_PLACES - 1)).astype(int)
     away = np.searchsorted(RANGES_M, np.asarray(pair.painted.range_m))
     angle = np.searchsorted(ANGLES_RAD, np.asarray(pair.incidence_rad))
     # One number of mixed radix: so many borders part one bin more.
     return (line * (len(RANGES_M) + 1) + away) * (len(ANGLES_RAD) + 1) + angle
 
 
-TABLE = PLACES * (len(RANGES_M) + 1) * (len(ANGLES_RAD) + 1)
+TABLE = BEAM_PLACES * (len(RANGES_M) + 1) * (len(ANGLES_RAD) + 1)
 
 
 def one_group(pair: Pair) -> Int[np.ndarray, "rows columns"]:
@@ -109,7 +108,7 @@ def _of_table(train: Sequence[Pair], otherwise: Baseline) -> Baseline:
     table = group_medians(_cells(train, place_in_table), TABLE)
     values = table.intensity.astype(np.float32)
     # A median of few cells is noise: the line's own is the better guess.
-    known = table.count >= ENOUGH
+    known = table.count >= FEWEST_CELLS
 
     def guess(pair: Pair) -> Guess:
         cell, row = place_in_table(pair), otherwise(pair)
@@ -193,7 +192,7 @@ def _surroundings(rgb: np.ndarray, away: np.ndarray, angle: np.ndarray, *, seen:
     # Of ln range, so that the spread on a slanted surface is the same near and far.
     logarithm = np.log(np.maximum(away, 1))
     channels = []
-    for size in SIZES:
+    for size in NEIGHBOURHOODS:
         channels += [*_mean_and_spread(grey, seen, size), _mean_and_spread(logarithm, seen, size)[1]]
         channels.append(cv2.blur(seen.astype(np.float32), (size, size)))
     # Incidence, red against blue, green against grey: what brightness does not tell.

@@ -27,7 +27,7 @@ from jaxsim.metrics.bev import BINS, COUNTS, jensen_shannon, lidm_occupancy, mmd
 from jaxsim.metrics.chamfer import chamfer
 from jaxsim.metrics.conditional import conditional_intensity, intensity_table
 from jaxsim.metrics.frechet import frechet_distance_of
-from jaxsim.metrics.rangenet import Values, range_features
+from jaxsim.metrics.rangenet import Kernels, range_features
 from jaxsim.metrics.sliced_wasserstein import sliced_wasserstein
 from jaxsim.progress import Progress
 
@@ -204,7 +204,7 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
 
 
 def generation_scores(
-    a: Folder, b: Folder, *, rangenet: Values | None = None, compared: int = COMPARED
+    a: Folder, b: Folder, *, rangenet: Kernels | None = None, compared: int = COMPARED
 ) -> dict[str, Score]:
     """Every metric that these folders allow (`a` simulated, `b` measured): name -> value, unit, frames or rays.
 

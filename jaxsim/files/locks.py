@@ -73,7 +73,7 @@ def working_in(folder: Path | str, *, doing: str = "writing to") -> Iterator[Non
     """
     folder = Path(folder)
     before = folder.resolve() / NAME in _held
-    new = [place for place in (folder, *folder.parents) if not place.exists()]
+    new = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     lock(folder, doing=doing, instead="another --out")
     try:
         yield
@@ -81,8 +81,8 @@ def working_in(folder: Path | str, *, doing: str = "writing to") -> Iterator[Non
         if not before:
             unlock(folder)
             with suppress(OSError):  # one that holds something ends this
-                for place in new:
-                    place.rmdir()
+                for parent in new:
+                    parent.rmdir()
 
 
 def _owner(folder: Path) -> str:

@@ -12,6 +12,7 @@ lies inside, and so nothing that jumps where edges or corners meet: float32 suff
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,22 @@ _NO_LENGTH_M = 1e-20
 _CORNERS = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))], np.float32
 )
+
+
+class Difficulty(NamedTuple):
+    """Least height of the box in the image, and the most that a labelled object may be hidden."""
+
+    height_px: float
+    occluded: int
+    truncated: float
+
+
+DIFFICULTIES = {
+    # MIN_HEIGHT, MAX_OCCLUSION and MAX_TRUNCATION of KITTI's devkit.
+    "easy": Difficulty(40, 0, 0.15),
+    "moderate": Difficulty(25, 1, 0.30),
+    "hard": Difficulty(25, 2, 0.50),
+}
 
 
 @jax.jit

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from jaxsim.frame import Array, Camera, PolarGrid
 from jaxsim.geometry.sensor import LidarSpec, window_grid
 
-SHARE = 0.57
+LINE_SHARE = 0.57
 """Of a line that must be in the image. In KITTI's 352 x 1216 crop, lines 43 and 44 keep 0.63 and 0.48 of their points
 on a flat road, 0.63-0.69 and 0.49-0.51 in nine real frames: this lies in the middle and gives lines 0-43, the paper's
 44."""
@@ -113,9 +113,9 @@ def camera_window(camera: Camera, size: tuple[int, int], spec: LidarSpec, *, col
 def camera_rows(camera: Camera, size: tuple[int, int], spec: LidarSpec) -> tuple[int, int]:
     """First and stop of the lines that a camera sees.
 
-    Those are the lines with at least SHARE of their points on a flat road between the image's top and bottom edge, of
-    all points in the camera's azimuth extent. A line is level and its image curved: the image's bottom cuts it first at
-    the sides. A flat road depends on the calibration alone, so that all frames of a drive share a window.
+    Those are the lines with at least LINE_SHARE of their points on a flat road between the image's top and bottom edge,
+    of all points in the camera's azimuth extent. A line is level and its image curved: the image's bottom cuts it first
+    at the sides. A flat road depends on the calibration alone, so that all frames of a drive share a window.
 
     Raises ValueError for a batch of cameras and for a camera that sees no line.
     """
@@ -125,11 +125,11 @@ def camera_rows(camera: Camera, size: tuple[int, int], spec: LidarSpec) -> tuple
     # 360 places within the extent; on its very ends rounding would decide what is inside.
     azimuth = np.linspace(left, right, 362)[1:-1]
     fractions = _inside(camera, size, _road_points(spec, azimuth)).mean(axis=1)
-    seen = np.flatnonzero(fractions >= SHARE)
+    seen = np.flatnonzero(fractions >= LINE_SHARE)
     if len(seen) == 0:
         raise ValueError(
             f"camera_rows: the camera sees no line of {spec.name} (best: {fractions.max():.0%} of line "
-            f"{fractions.argmax()}, asked {SHARE:.0%}); is cam_from_velo right, is the size (height, width)?"
+            f"{fractions.argmax()}, asked {LINE_SHARE:.0%}); is cam_from_velo right, is the size (height, width)?"
         )
     return int(seen[0]), int(seen[-1]) + 1
 

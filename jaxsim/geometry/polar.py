@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.frame import Array, Cloud, PolarGrid, PolarImage
 
 _Tree = TypeVar("_Tree")
-POINTS = 2**15
+FILLED_TO = 2**15
 """Clouds are filled up to multiples of this, so that kernels are compiled once and not for every frame."""
 _NOTHING = 2**31 - 1
 _TAN_PI_8 = 0.41421356
@@ -251,7 +251,7 @@ def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"
     return jnp.where(off(upper) <= off(lower), upper, lower)
 
 
-def pad_cloud(cloud: Cloud, multiple: int = POINTS) -> Cloud:
+def pad_cloud(cloud: Cloud, multiple: int = FILLED_TO) -> Cloud:
     """The cloud (n points, host memory) with invalid points behind it, filled up to a multiple."""
     missing = -cloud.intensity.shape[-1] % multiple
     return jax.tree.map(lambda leaf: np.pad(leaf, [(0, missing), *[(0, 0)] * (leaf.ndim - 1)]), cloud)
@@ -266,12 +266,12 @@ def pad_points(
     return padded, np.arange(room) < len(points)
 
 
-def room_for(points: int, multiple: int = POINTS) -> int:
+def room_for(points: int, multiple: int = FILLED_TO) -> int:
     """The least multiple, one at least, that holds so many points."""
     return max(-(-points // multiple), 1) * multiple
 
 
-def scan_on_window(cloud: Cloud, grid: PolarGrid, place: Float[np.ndarray, " rows"], *, lines: int) -> PolarImage:
+def scan_on_window(cloud: Cloud, grid: PolarGrid, row_share: Float[np.ndarray, " rows"], *, lines: int) -> PolarImage:
     """The image of a sweep on a window of its sensor's lines (host memory).
 
     `cloud.row` counts from the sensor's top line, of `lines` in all; `place` is each of the window's beams among them,
@@ -279,6 +279,6 @@ def scan_on_window(cloud: Cloud, grid: PolarGrid, place: Float[np.ndarray, " row
     """
     if cloud.row is not None:
         # The grid's rows count from the window's own first line.
-        first = round(float(place[0]) * (lines - 1))
+        first = round(float(row_share[0]) * (lines - 1))
         cloud = replace(cloud, row=(cloud.row - first).astype(np.int32))
     return jax.device_get(points_to_polar(pad_cloud(cloud), grid)[0])

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from jaxsim.config.ranges import Checked, Count, NotNegative, Positive
 from jaxsim.frame import PolarGrid
 
-SAME = 1e-4
+SAME_WITHIN = 1e-4
 """Grids are one where rays differ by no more, in rad and, of their origins, in m: a centimetre at 100 m, a tenth of
 the finest sensor's steps, and far above the rounding of angles that other programs wrote with six digits."""
 
@@ -176,17 +176,17 @@ def window_grid(
 
 
 def grid_difference(a: PolarGrid, b: PolarGrid) -> str:
-    """In words, the first thing in which two grids differ by more than SAME; empty where they are one grid."""
+    """In words, the first thing in which two grids differ by more than SAME_WITHIN; empty where they are one grid."""
     for name in ("azimuth_rad", "elevation_rad", "origin_m"):
         first = np.asarray(getattr(a, name))
         second = np.asarray(getattr(b, name))
         if first.shape != second.shape:
             return f"{name} ({first.size} and {second.size} values)"
-        if not np.allclose(first, second, rtol=0, atol=SAME):
+        if not np.allclose(first, second, rtol=0, atol=SAME_WITHIN):
             return f"{name} (up to {np.abs(first - second).max():.4g} apart)"
     return ""
 
 
 def same_grid(a: PolarGrid, b: PolarGrid) -> bool:
-    """Whether two grids have the same rays: angles and origins, to SAME."""
+    """Whether two grids have the same rays: angles and origins, to SAME_WITHIN."""
     return not grid_difference(a, b)

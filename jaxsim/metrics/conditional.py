@@ -15,16 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.frame import Array
+from jaxsim.frame import CLASSES, Array
 
 RANGE_EDGES_M = (5.0, 8.0, 12.0, 18.0, 26.0, 38.0, 55.0)
 INCIDENCE_EDGES_RAD = tuple(float(x) for x in np.deg2rad((15.0, 30.0, 45.0, 60.0, 70.0, 78.0, 84.0)))
-CLASSES = 34
-STEPS = 101
+READINGS = 101
 """Intensity 0, 0.01, ..., 1: KITTI's own steps."""
-FEWEST = 50
+FEWEST_RAYS = 50
 """Rays that a bin needs on both sides to be compared."""
-AXES = {"class": (0,), "range": (1,), "incidence": (2,), "all": (0, 1, 2)}
+CONDITIONS = {"class": (0,), "range": (1,), "incidence": (2,), "all": (0, 1, 2)}
 """What intensity is conditioned on -> axes of the table that are kept."""
 
 
@@ -44,10 +43,10 @@ def intensity_table(
     valid: Bool[Array, "*b r c"],
 ) -> Int[Array, "34 8 9 101"]:
     """Number of returns of each class, bin of range, bin of incidence (last: not known) and step of intensity."""
-    shape = (CLASSES, len(RANGE_EDGES_M) + 1, len(INCIDENCE_EDGES_RAD) + 2, STEPS)
+    shape = (CLASSES, len(RANGE_EDGES_M) + 1, len(INCIDENCE_EDGES_RAD) + 2, READINGS)
     angle = jnp.where(incidence_known, _bin(incidence_rad, INCIDENCE_EDGES_RAD), shape[2] - 1)
     kind = jnp.clip(semantic, 0, CLASSES - 1).astype(jnp.int32)
-    reading = jnp.clip(jnp.round(intensity * (STEPS - 1)), 0, STEPS - 1).astype(jnp.int32)
+    reading = jnp.clip(jnp.round(intensity * (READINGS - 1)), 0, READINGS - 1).astype(jnp.int32)
     # A ray that did not come back is given a class beyond the table, and dropped.
     cell = (jnp.where(valid, kind, CLASSES), _bin(range_m, RANGE_EDGES_M), angle, reading)
     return jnp.zeros(shape, jnp.int32).at[cell].add(1, mode="drop")
@@ -68,14 +67,14 @@ class ConditionalDistance(NamedTuple):
 
 def _compared(a: Float[np.ndarray, "k steps"], b: Float[np.ndarray, "k steps"]) -> ConditionalDistance:
     n, m = a.sum(1), b.sum(1)
-    enough = (n >= FEWEST) & (m >= FEWEST)
+    enough = (n >= FEWEST_RAYS) & (m >= FEWEST_RAYS)
     if not enough.any():
         return ConditionalDistance(float("nan"), float("nan"), 0.0, 0)
     weight = m[enough] / m[enough].sum()
     # On a line the Wasserstein-1 distance is the area between both distribution functions.
     first = np.cumsum(a[enough], 1) / a[enough].sum(1, keepdims=True)
     second = np.cumsum(b[enough], 1) / b[enough].sum(1, keepdims=True)
-    step = 1 / (STEPS - 1)
+    step = 1 / (READINGS - 1)
     distance = np.abs(first - second).sum(1) * step
     # Of two draws of one law, the pooled counts are the best guess of that law.
     both = (a[enough] + b[enough]).cumsum(1) / (n + m)[enough][:, None]
@@ -99,11 +98,11 @@ def conditional_intensity(
     b = np.asarray(measured, np.float64)
     if not (a.sum() and b.sum()):
         raise ValueError("conditional: a set has no returns")
-    distances = {"intensity": _compared(a.reshape(-1, STEPS).sum(0)[None], b.reshape(-1, STEPS).sum(0)[None])}
-    for name, axes in AXES.items():
+    distances = {"intensity": _compared(a.reshape(-1, READINGS).sum(0)[None], b.reshape(-1, READINGS).sum(0)[None])}
+    for name, axes in CONDITIONS.items():
         if name == "class" and not classes:
             continue
         others = tuple(axis for axis in range(3) if axis not in axes)
-        of_a, of_b = a.sum(others).reshape(-1, STEPS), b.sum(others).reshape(-1, STEPS)
+        of_a, of_b = a.sum(others).reshape(-1, READINGS), b.sum(others).reshape(-1, READINGS)
         distances[f"intensity_given_{name}"] = _compared(of_a, of_b)
     return distances

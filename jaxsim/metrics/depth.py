@@ -71,8 +71,8 @@ def interpolate_background(
     before = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
     behind = np.minimum.accumulate(np.where(valid, columns, w)[:, ::-1], axis=1)[:, ::-1]
     beside = [
-        np.where(inside, depth_m[rows[:, None], place.clip(0, w - 1)], np.inf)
-        for place, inside in ((before, before >= 0), (behind, behind < w))
+        np.where(inside, depth_m[rows[:, None], column.clip(0, w - 1)], np.inf)
+        for column, inside in ((before, before >= 0), (behind, behind < w))
     ]
     # Rows outside the first and last that have depth copy those; an empty row in between stays empty.
     some = np.flatnonzero(valid.any(axis=1))

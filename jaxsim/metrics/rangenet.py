@@ -22,22 +22,22 @@ from jaxsim.frame import Array
 from jaxsim.metrics.bev import SCAN_COLUMNS, SCAN_ROWS, spherical_image
 from jaxsim.weights import Arrays, Converter, checked_arrays, load_weights
 
-BLOCKS = (1, 2, 8, 8, 4)
+ENCODER_BLOCKS = (1, 2, 8, 8, 4)
 """Residual blocks of each of the five encoder stages."""
 WIDTH = 32
 """Channels of the first layer; each stage doubles them."""
 MEANS = (12.12, 10.88, 0.23, -1.04, 0.21)
 DEVIATIONS = (12.32, 11.47, 6.91, 0.86, 0.16)
 """Of range, x, y, z (m) and remission: arch_cfg.yaml of the published model."""
-FEATURES = 4096
+FEATURE_WIDTH = 4096
 BATCH_NORM_EPS, SLOPE = 1e-5, 0.1
-FILES = ("backbone", "segmentation_decoder")
+STATE_DICTS = ("backbone", "segmentation_decoder")
 NORM = ("weight", "bias", "running_mean", "running_var")
 
 
-def layers(width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS) -> dict[str, tuple[tuple[int, ...], str]]:
+def layers(width: int = WIDTH, blocks: tuple[int, ...] = ENCODER_BLOCKS) -> dict[str, tuple[tuple[int, ...], str]]:
     """Published name of every convolution -> (shape of its weight, name of the batch norm behind it)."""
-    encoder, decoder = FILES
+    encoder, decoder = STATE_DICTS
     shapes: dict[str, tuple[tuple[int, ...], str]] = {f"{encoder}.conv1": ((width, 5, 3, 3), f"{encoder}.bn1")}
 
     def residual(name: str, outer: int, inner: int) -> None:
@@ -60,7 +60,7 @@ def layers(width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS) -> dict[str, tu
     return shapes
 
 
-def published_shapes(width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS) -> dict[str, tuple[int, ...]]:
+def published_shapes(width: int = WIDTH, blocks: tuple[int, ...] = ENCODER_BLOCKS) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the published state dicts, each with its file's name before it."""
     shapes: dict[str, tuple[int, ...]] = {}
     for name, (shape, norm) in layers(width, blocks).items():
@@ -77,17 +77,17 @@ CONVERTER = Converter(
     "http://www.ipb.uni-bonn.de/html/projects/bonnetal/lidar/semantic/models/darknet53-1024.tar.gz and unpack it: FILE "
     "is its folder",
     lambda arrays: checked_arrays(arrays, published_shapes()),
-    files=FILES,
+    files=STATE_DICTS,
 )
 """What `jaxsim convert rangenet53` makes of the published folder."""
 
-Values = dict[str, tuple[Array, Array]]
+Kernels = dict[str, tuple[Array, Array]]
 """Kernel (rows, columns, in, out) and bias of every convolution, batch norm folded in."""
 
 
-def fold_batch_norm(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS) -> Values:
+def fold_batch_norm(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] = ENCODER_BLOCKS) -> Kernels:
     """Values of the network from the published arrays."""
-    values: Values = {}
+    values: Kernels = {}
     for name, (_, norm) in layers(width, blocks).items():
         stored = {part: arrays[f"{norm}.{part}"].astype(np.float64) for part in NORM}
         scale = stored["weight"] / np.sqrt(stored["running_var"] + BATCH_NORM_EPS)
@@ -106,7 +106,7 @@ def fold_batch_norm(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] 
     return values
 
 
-def _layer(values: Values, name: str, x: Array, *, stride: int = 1) -> Array:
+def _layer(values: Kernels, name: str, x: Array, *, stride: int = 1) -> Array:
     """Convolution and leaky ReLU; `upconv` doubles the columns, `stride` thins them."""
     kernel, bias = jax.tree.map(jnp.asarray, values[name])
     convolve = partial(
@@ -123,10 +123,10 @@ def _layer(values: Values, name: str, x: Array, *, stride: int = 1) -> Array:
 
 @partial(jax.jit, static_argnames="blocks")
 def decoder_map(
-    values: Values, image: Float[Array, "b h w 5"], *, blocks: tuple[int, ...] = BLOCKS
+    values: Kernels, image: Float[Array, "b h w 5"], *, blocks: tuple[int, ...] = ENCODER_BLOCKS
 ) -> Float[Array, "b h w c"]:
     """The decoder's last map, 32 channels at full size; columns must divide by 32."""
-    encoder, decoder = FILES
+    encoder, decoder = STATE_DICTS
 
     def residual(name: str, x: Array) -> Array:
         return x + _layer(values, f"{name}.conv2", _layer(values, f"{name}.conv1", x))
@@ -165,13 +165,13 @@ def network_image(
 def _chosen() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows, columns and channels of the 4096 values: LiDARGen's draw from the map flattened channel by channel."""
     # Python's own generator with seed 0, as the program has it: any other draws other values.
-    places = np.array(random.Random(0).sample(range(WIDTH * SCAN_ROWS * SCAN_COLUMNS), FEATURES))
+    places = np.array(random.Random(0).sample(range(WIDTH * SCAN_ROWS * SCAN_COLUMNS), FEATURE_WIDTH))
     channel, row, column = np.unravel_index(places, (WIDTH, SCAN_ROWS, SCAN_COLUMNS))
     return row, column, channel
 
 
 def range_features(
-    values: Values,
+    values: Kernels,
     scans: Iterable[tuple[Float[np.ndarray, "b n 3"], Float[np.ndarray, "b n"], Bool[np.ndarray, "b n"]]],
 ) -> Float[np.ndarray, "m 4096"]:
     """LiDARGen's features of scans that arrive in batches of points, remissions (0..1) and which are real."""
@@ -180,7 +180,7 @@ def range_features(
     return np.concatenate([decoded[:, row, column, channel] for decoded in maps])
 
 
-def load_rangenet(path: Path) -> Values:
+def load_rangenet(path: Path) -> Kernels:
     """Values from a converted file. Raises FileNotFoundError or ValueError, which say what to fetch and convert."""
     weights = load_weights(path, "rangenet53", CONVERTER)
     values: Any = jax.tree.map(jnp.asarray, fold_batch_norm(weights.arrays))

@@ -7,6 +7,7 @@ image, each channel standardised over its set, 4 x 128 random directions, each d
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Protocol, runtime_checkable
 
@@ -20,8 +21,8 @@ from jaxsim.frame import Array
 PATCH = 7
 PLACES = 128
 REPEATS = 4
-BATCH = 128
-DIRECTIONS = 128
+TOGETHER = 128
+PROJECTIONS = 128
 # Binomial taps, which approach a Gaussian (Burt and Adelson 1983).
 KERNEL = np.array([1, 4, 6, 4, 1]) / 16
 
@@ -88,6 +89,19 @@ def sliced(a: Float[Array, "m d"], b: Float[Array, "m d"], directions: Float[Arr
     return jnp.abs(jnp.sort(product(a, directions), axis=0) - jnp.sort(product(b, directions), axis=0)).mean()
 
 
+def _distances(a: Sequence[Array], b: Sequence[Array], key: Array) -> list[float]:
+    """Distances between the patches (n, k, 7, 7, c) of two sets, one a set of random directions."""
+    x = _standardised(jnp.concatenate(a))
+    y = _standardised(jnp.concatenate(b))
+    distances = []
+    for repeat in range(REPEATS):
+        directions = jax.random.normal(jax.random.fold_in(key, repeat), (x.shape[1], PROJECTIONS))
+        # By their deviation, not their length, as the program has it: values are sqrt(49 c) times larger.
+        directions = directions / jnp.std(directions, axis=0, ddof=1, keepdims=True)
+        distances.append(float(sliced(x, y, directions)))
+    return distances
+
+
 @runtime_checkable
 class Images(Protocol):
     """Images (n, h, w, c): an array, or what reads them when a batch is asked for."""
@@ -114,8 +128,8 @@ def sliced_wasserstein(a: Images, b: Images) -> dict[str, float]:
     multiple = 2 ** (levels - 1)
     height, width = rows // multiple * multiple, columns // multiple * multiple
     patches: list[tuple[list[Array], list[Array]]] = [([], []) for _ in range(levels)]
-    for first in range(0, n, BATCH):
-        parts = [jnp.asarray(images[first : first + BATCH][:, :height, :width], jnp.float32) for images in (a, b)]
+    for first in range(0, n, TOGETHER):
+        parts = [np.asarray(images[first : first + TOGETHER][:, :height, :width], np.float32) for images in (a, b)]
         pyramids = [laplacian_pyramid(part, levels=levels) for part in parts]
         for level, pair in enumerate(zip(*pyramids, strict=True)):
             rows, columns = pair[0].shape[1:3]
@@ -125,15 +139,7 @@ def sliced_wasserstein(a: Images, b: Images) -> dict[str, float]:
                 patches[level][side].append(patches_at(image, order[:PLACES]))
     scores = {}
     for level, sides in enumerate(patches):
-        x = _standardised(jnp.concatenate(sides[0]))
-        y = _standardised(jnp.concatenate(sides[1]))
-        distances = []
-        for repeat in range(REPEATS):
-            # 2^30 keeps the keys of directions apart from those of places, level n + first.
-            fold = jax.random.fold_in(jax.random.fold_in(key, 2**30 + level), repeat)
-            directions = jax.random.normal(fold, (x.shape[1], DIRECTIONS))
-            # By their deviation, not their length, as the program has it: values are sqrt(49 c) times larger.
-            directions = directions / jnp.std(directions, axis=0, ddof=1, keepdims=True)
-            distances.append(float(sliced(x, y, directions)))
+        # 2^30 keeps the keys of directions apart from those of places, level n + first.
+        distances = _distances(*sides, jax.random.fold_in(key, 2**30 + level))
         scores[f"swd_{16 << level}"] = float(np.mean(distances))
     return scores | {"swd_mean": float(np.mean(list(scores.values())))}

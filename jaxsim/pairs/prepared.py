@@ -29,7 +29,7 @@ from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
 from jaxsim.progress import Progress
 
-NAMES = (*ARRAYS, "name", "scene", "position")
+ARRAY_NAMES = (*ARRAYS, "name", "scene", "position")
 """Names of the arrays of a kept pair."""
 
 
@@ -115,7 +115,7 @@ AGAIN = "delete it, and it is made anew"
 
 
 def _read(file: Path) -> PairRecord:
-    return record_of(_whole(file, read_arrays(file, by="prepared", again=AGAIN, summed=True), NAMES))
+    return record_of(_whole(file, read_arrays(file, by="prepared", again=AGAIN, summed=True), ARRAY_NAMES))
 
 
 def _entry(file: Path) -> Entry:
@@ -126,9 +126,9 @@ def _entry(file: Path) -> Entry:
     return Entry(name, str(arrays["scene"]), window, f"{file.parent.name}/{file.stem}")
 
 
-def _whole(file: Path, kept: dict[str, Any], wanted: Collection[str]) -> dict[str, Any]:
-    if missing := [name for name in wanted if name not in kept]:
+def _whole(file: Path, arrays: dict[str, Any], wanted: Collection[str]) -> dict[str, Any]:
+    if missing := [name for name in wanted if name not in arrays]:
         raise ValueError(f"prepared: {file} is damaged: it lacks {', '.join(missing)}; {AGAIN}")
     with placed(f"prepared: {file} is damaged", then=AGAIN):
-        check_example(kept)
-    return kept
+        check_example(arrays)
+    return arrays

@@ -40,7 +40,7 @@ from jaxsim.progress import Progress
 
 AHEAD = 4
 """Pairs a worker may be ahead of the one that is written next."""
-MOST_CELLS = 100_000
+MOST_SIDE = 100_000
 """No window has as many rows or columns."""
 DASK_RUNNER = "apache_beam.runners.dask.dask_runner.DaskRunner"
 POLL_S = 1.0
@@ -113,7 +113,7 @@ def _is_note(about: Any, count: int) -> bool:
         if not isinstance(column, list) or len(column) != count or not all(isinstance(one, kind) for one in column):
             return False
     sizes = [size for window in about["windows"] for size in window]
-    return all(type(size) is int and 0 < size < MOST_CELLS for size in sizes)
+    return all(type(size) is int and 0 < size < MOST_SIDE for size in sizes)
 
 
 def write_shard(shard: Shard, folder: Path, made: Iterable[MadePair], *, bar: Progress | None = None) -> None:

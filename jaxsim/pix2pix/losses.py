@@ -88,9 +88,14 @@ def reconstruction(
     Where devices share a batch, `mean` takes the mean over them: weights are told from those of the whole batch,
     so that the mean of the devices' terms is the term of the whole.
     """
+    return _weighted_mean(0.5 * jnp.abs(image - target).mean(-1), weight, mean)
+
+
+def _weighted_mean(
+    loss: Float[Array, "b h w"], weight: Float[Array, "b h w"], mean: Callable[[Array], Array]
+) -> Float[Array, ""]:
     # Without any weight the term is 0, not 0 / 0.
-    error = 0.5 * jnp.abs(image - target).mean(-1)
-    return (weight * error).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(error.dtype).tiny)
+    return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
 
 
 def quantile_loss(
@@ -109,7 +114,7 @@ def quantile_loss(
     quantile = jnp.asarray(QUANTILES, jnp.float32)[None, None, None]
     share = jnp.where(quantile == 0.5, 2.0, 0.5)
     loss = (share * jnp.maximum(quantile * error, (quantile - 1) * error)).sum(-1)
-    return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
+    return _weighted_mean(loss, weight, mean)
 
 
 def drop_loss(
@@ -123,10 +128,10 @@ def drop_loss(
     logit = outputs[..., -1]
     # From the logit: a probability that rounds to 0 or 1 would have no logarithm.
     loss = jax.nn.softplus(logit) - jnp.where(dropped, logit, jnp.zeros_like(logit))
-    return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
+    return _weighted_mean(loss, weight, mean)
 
 
-BLOCKS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28,))
+VGG_BLOCKS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28,))
 """Places of the convolutions in torchvision's `features`; a 2 x 2 max-pool between the blocks. The ReLU after
 the first convolution of each block is a feature of the loss: relu_1_1 ... relu_5_1."""
 # Wang et al. 2018: deep features, which say what is there, count more than edges and spots.
@@ -139,11 +144,11 @@ def _shapes() -> dict[str, tuple[int, ...]]:
     """torchvision's names and shapes."""
     shapes: dict[str, tuple[int, ...]] = {}
     channels = 3
-    for block, places in enumerate(BLOCKS):
+    for block, places in enumerate(VGG_BLOCKS):
         width = min(64 * 2**block, 512)
-        for place in places:
-            shapes[f"features.{place}.weight"] = (width, channels, 3, 3)
-            shapes[f"features.{place}.bias"] = (width,)
+        for layer in places:
+            shapes[f"features.{layer}.weight"] = (width, channels, 3, 3)
+            shapes[f"features.{layer}.bias"] = (width,)
             channels = width
     return shapes
 
@@ -189,12 +194,12 @@ def vgg_features(
     # The mean and deviation are of images in 0..1.
     x = ((image + 1) / 2 - mean) / deviation if imagenet else image
     features = []
-    for block, places in enumerate(BLOCKS):
+    for block, places in enumerate(VGG_BLOCKS):
         if block:
             x = jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
-        for i, place in enumerate(places):
-            kernel = jnp.asarray(weights[f"features.{place}.weight"], x.dtype)
-            bias = jnp.asarray(weights[f"features.{place}.bias"], x.dtype)
+        for i, layer in enumerate(places):
+            kernel = jnp.asarray(weights[f"features.{layer}.weight"], x.dtype)
+            bias = jnp.asarray(weights[f"features.{layer}.bias"], x.dtype)
             x = conv2d(x, kernel, padding="zero") + bias[None, None, None]
             x = jax.nn.relu(x)
             if i == 0:

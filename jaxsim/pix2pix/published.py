@@ -68,17 +68,17 @@ def from_published(arrays: Arrays, like: Network, form: Pix2PixForm = "imaginair
     faults = []
 
     def adopt(path: Any, value: Any) -> np.ndarray:
-        place = places[_keys(path)]
-        shape = _their_shape(value.shape, place)
-        if place.name not in arrays or arrays[place.name].shape != shape:
-            stored = arrays[place.name].shape if place.name in arrays else "missing"
-            faults.append(f"{place.name} is {stored}, not {shape}")
+        slot = places[_keys(path)]
+        shape = _their_shape(value.shape, slot)
+        if slot.name not in arrays or arrays[slot.name].shape != shape:
+            stored = arrays[slot.name].shape if slot.name in arrays else "missing"
+            faults.append(f"{slot.name} is {stored}, not {shape}")
             # A stand-in: all faults are told at once, below.
             return np.zeros(value.shape, np.float32)
-        return _ours(np.asarray(arrays[place.name], np.float32), place)
+        return _ours(np.asarray(arrays[slot.name], np.float32), slot)
 
     network = Network(jax.tree.map_with_path(adopt, like.parameters), jax.tree.map_with_path(adopt, like.vectors))
-    known = {place.name for place in places.values()}
+    known = {slot.name for slot in places.values()}
     faults += [f"{name} has no place" for name in arrays if name not in known and not UNUSED.search(name)]
     if faults:
         more = f"; and {len(faults) - 6} more" if len(faults) > 6 else ""
@@ -89,28 +89,28 @@ def from_published(arrays: Arrays, like: Network, form: Pix2PixForm = "imaginair
     return network
 
 
-def _theirs(array: np.ndarray, place: Place) -> np.ndarray:
+def _theirs(array: np.ndarray, slot: Place) -> np.ndarray:
     if array.ndim == 4:
-        return array[::-1, ::-1].transpose(2, 3, 0, 1) if place.transposed else array.transpose(3, 2, 0, 1)
-    if place.name.endswith("weight_v"):
-        return array.reshape(place.kernel_shape[:3]).transpose(2, 0, 1).reshape(-1)
+        return array[::-1, ::-1].transpose(2, 3, 0, 1) if slot.transposed else array.transpose(3, 2, 0, 1)
+    if slot.name.endswith("weight_v"):
+        return array.reshape(slot.kernel_shape[:3]).transpose(2, 0, 1).reshape(-1)
     return array
 
 
-def _ours(array: np.ndarray, place: Place) -> np.ndarray:
+def _ours(array: np.ndarray, slot: Place) -> np.ndarray:
     if array.ndim == 4:
-        return array.transpose(2, 3, 0, 1)[::-1, ::-1] if place.transposed else array.transpose(2, 3, 1, 0)
-    if place.name.endswith("weight_v"):
-        kh, kw, channels = place.kernel_shape[:3]
+        return array.transpose(2, 3, 0, 1)[::-1, ::-1] if slot.transposed else array.transpose(2, 3, 1, 0)
+    if slot.name.endswith("weight_v"):
+        kh, kw, channels = slot.kernel_shape[:3]
         return array.reshape(channels, kh, kw).transpose(1, 2, 0).reshape(-1)
     return array
 
 
-def _their_shape(shape: tuple[int, ...], place: Place) -> tuple[int, ...]:
+def _their_shape(shape: tuple[int, ...], slot: Place) -> tuple[int, ...]:
     if len(shape) < 4:
         return shape
     kh, kw, narrow, wide = shape
-    return (narrow, wide, kh, kw) if place.transposed else (wide, narrow, kh, kw)
+    return (narrow, wide, kh, kw) if slot.transposed else (wide, narrow, kh, kw)
 
 
 def _keys(path: Any) -> Keys:

@@ -7,7 +7,7 @@ paint, channels    camera rasters on the polar grid; what the network sees of th
 
 from __future__ import annotations
 
-from jaxsim.prepare.channels import CHANNELS, edge_map, input_channels, network_inputs
+from jaxsim.prepare.channels import INPUT_CHANNELS, edge_map, input_channels, network_inputs
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.depth.frames import sparse_depth
 from jaxsim.prepare.paint import paint, paint_raster, shrink
@@ -22,7 +22,7 @@ from jaxsim.prepare.pairs import (
 )
 
 __all__ = [
-    "CHANNELS",
+    "INPUT_CHANNELS",
     "check_networks",
     "check_view",
     "crop_image",

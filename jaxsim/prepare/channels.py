@@ -36,7 +36,7 @@ ROW_OCTAVES = 6
 BEAMS = 64
 """Places in the sensor that get a channel of `beam`: its lines, where it has no more."""
 
-CHANNELS: dict[str, int | None] = {
+INPUT_CHANNELS: dict[str, int | None] = {
     "rgb": 3,
     "depth": 1,
     "semantic": None,
@@ -123,7 +123,7 @@ def input_channels(prepare: PrepareConfig) -> int:
     inputs = prepare.inputs
     if not inputs or len(set(inputs)) < len(inputs):
         raise ValueError(f"inputs: {' '.join(inputs) or 'none'}; name at least one, each once")
-    return sum(CHANNELS[name] or len(prepare.classes) for name in inputs)
+    return sum(INPUT_CHANNELS[name] or len(prepare.classes) for name in inputs)
 
 
 @partial(jax.jit, static_argnames="prepare")

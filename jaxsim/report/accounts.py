@@ -31,7 +31,7 @@ from jaxsim.geometry import polar_to_points
 from jaxsim.report.canvas import AFTER
 from jaxsim.report.charts import colour_limit, curve_chart
 from jaxsim.report.page import (
-    NOTHING,
+    EMPTY,
     DrawChart,
     bar_cell,
     below,
@@ -49,7 +49,7 @@ from jaxsim.report.page import (
 )
 from jaxsim.report.regimes import picks_of, title
 from jaxsim.report.scenes import Channel, Side, TurnedScene, packed
-from jaxsim.report.words import AXES, CHANNELS, Axis, number, percent, probability, span, title_of
+from jaxsim.report.words import AXES, SIGN_WORDS, Axis, number, percent, probability, span, title_of
 
 OUTSIDE = {
     **dict.fromkeys(("curve", "product"), "Outside its knots it holds its end values."),
@@ -65,7 +65,7 @@ BAND = 2.0
 def where_it_stood(told: Registered | None) -> Markup:
     """The motion between the sides, if it is more than noise: a table of its numbers, and how far ranges then agree."""
     if told is None or not (told.sure or told.other_moments or told.speeds):
-        return NOTHING
+        return EMPTY
     meanings = {key: of.meaning for effect in EFFECTS.values() for key, of in effect.parameters.items()}
     rows = [[code(key), meanings[key], number(one.value), span(one), one.unit] for key, one in told.motion.items()]
     words = (
@@ -88,7 +88,7 @@ def could_show(asked: Sequence[Sensitivity]) -> Markup:
     """Effects that these frames could not show, why, and what to record; then the size from which each other one
     would be seen."""
     if not asked:
-        return NOTHING
+        return EMPTY
     hidden = [one for one in asked if not one.testable]
     words = (
         f"{len(asked)} effects were put on the rays that were compared, at half of a clearly visible size, and the "
@@ -128,11 +128,9 @@ def _from(one: Sensitivity) -> str:
 def learned(verdict: Verdict, draw: DrawChart) -> Markup:
     """Each learned law with its band and what it gains on judge scenes, and the formula."""
     if not verdict.learned:
-        return NOTHING
+        return EMPTY
     parts = [_law(law, verdict, draw, mark=str(k) if k else "") for k, law in enumerate(verdict.learned)]
-    return section(
-        "What was learned and added", join_parts(parts) + (_formula(verdict.law) if verdict.law else NOTHING)
-    )
+    return section("What was learned and added", join_parts(parts) + (_formula(verdict.law) if verdict.law else EMPTY))
 
 
 def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Markup:
@@ -156,7 +154,7 @@ def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Marku
         [("learned", np.array(law.values), AFTER)],
         BAND * np.array(law.sd),
         x_label=axis.label,
-        y_label=CHANNELS[law.channel].unit,
+        y_label=SIGN_WORDS[law.channel].unit,
         joined=law.kind != "table",
         whole=law.kind == "table",
     )
@@ -181,7 +179,7 @@ def _formula(law: ClosedLaw) -> Markup:
 def own_effects(candidates: Sequence[OwnCandidate]) -> Markup:
     """Each candidate that is no part of the catalogue; nothing where there is none."""
     if not candidates:
-        return NOTHING
+        return EMPTY
     words = (
         "Candidates beside the catalogue, each with the file or package that it comes from. A look-alike is an effect "
         "of the catalogue that, fitted to its expectation on these frames at a visible size, reproduces at least "
@@ -219,15 +217,15 @@ def _candidate(one: OwnCandidate) -> Markup:
 def residual_clouds(result: Result) -> tuple[Markup, Markup]:
     """The section with the viewer and its table, and the viewer's scenes; nothing where no frame was kept."""
     if not result.frames:
-        return NOTHING, NOTHING
-    limits = {name: _limit(result, name) for name in CHANNELS}
+        return EMPTY, EMPTY
+    limits = {name: _limit(result, name) for name in SIGN_WORDS}
     channels = [
         Channel(name, f"residual of {name}", -limit, limit, sides.unit, "diverging")
-        for name, sides in CHANNELS.items()
+        for name, sides in SIGN_WORDS.items()
         if (limit := limits[name]) is not None
     ]
     if not channels:
-        return NOTHING, NOTHING
+        return EMPTY, EMPTY
     rows, columns = len(result.grid.elevation_rad), len(result.grid.azimuth_rad)
     scenes = [_scene(frame, result) for frame in result.frames]
     groups = min(columns, MAP_COLUMNS)
@@ -270,12 +268,12 @@ def _table(result: Result) -> Markup:
     """Root mean square residuals of each frame, for who cannot see the cloud."""
     heads = ["frame", "rays"]
     changed = bool(result.verdict.effects or result.verdict.learned)
-    for name, sides in CHANNELS.items():
+    for name, sides in SIGN_WORDS.items():
         heads.append(sides.unit if sides.unit.startswith(name) else f"{name}, {sides.unit}")
     rows = []
     for k, frame in enumerate(result.frames):
         row = [shows(title(frame), scene=k), str(len(frame.row))]
-        for name in CHANNELS:
+        for name in SIGN_WORDS:
             sizes = [
                 number(_size(side[name])) for side in ((frame.before, frame.after) if changed else (frame.before,))
             ]

@@ -10,12 +10,12 @@ from jaxtyping import Float, Float32
 
 from jaxsim.detect.results import NEAR_M, Detected, corners_of
 from jaxsim.detect.scenes import Scene, View
-from jaxsim.report.pictures import INK, Rgb
+from jaxsim.report.pictures import LIGHT_INK, Rgb
 
 LABEL, FOUND = (90, 200, 90), (255, 150, 40)
 """Green: labelled. Orange: found."""
-EDGES = [(k, (k + 1) % 4) for k in range(4)]
-EDGES += [(a + 4, b + 4) for a, b in EDGES] + [(k, k + 4) for k in range(4)]
+BOX_EDGES = [(k, (k + 1) % 4) for k in range(4)]
+BOX_EDGES += [(a + 4, b + 4) for a, b in BOX_EDGES] + [(k, k + 4) for k in range(4)]
 
 
 def draw_above(
@@ -48,7 +48,7 @@ def draw_above(
         for k, box in enumerate(boxes if boxes is not None else ()):
             corners = pixels(corners_of(box[None])[0, :4, :2])
             middle, front = pixels(box[:2]), (corners[0] + corners[1]) / 2
-            for a, b in [*((corners[i], corners[j]) for i, j in EDGES[:4]), (middle, front)]:
+            for a, b in [*((corners[i], corners[j]) for i, j in BOX_EDGES[:4]), (middle, front)]:
                 cv2.line(picture, _point(a), _point(b), colour, 1, cv2.LINE_AA, 4)
             if boxes is detected:
                 at = (int(corners[:, 0].max()) + 3, int(corners[:, 1].min()))
@@ -85,7 +85,7 @@ def draw_on_image(
             pixel = cam @ view.intrinsics.T
             # Clipped: sixteenths of a pixel of a corner far outside the image would not fit OpenCV's integers.
             uv = np.clip(pixel[:, :2] / pixel[:, 2:], -10000, 10000)
-            for a, b in [*EDGES, (0, 5), (1, 4)]:
+            for a, b in [*BOX_EDGES, (0, 5), (1, 4)]:
                 cv2.line(picture, _point(uv[a]), _point(uv[b]), colour, 1, cv2.LINE_AA, 4)
             if boxes is detected:
                 at = (int(uv[:, 0].min()), max(int(uv[:, 1].min()) - 4, 10))
@@ -100,7 +100,7 @@ def _point(at: Sequence[float] | np.ndarray) -> tuple[int, int]:
 
 
 def _legend(picture: Rgb, title: str, has_labels: bool, *, has_found: bool = True) -> None:
-    words = [(title, INK)] + [("found", FOUND)] * has_found + [("labelled", LABEL)] * has_labels
+    words = [(title, LIGHT_INK)] + [("found", FOUND)] * has_found + [("labelled", LABEL)] * has_labels
     words = [(word, colour) for word, colour in words if word]
     widths = [cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)[0][0] + 18 for word, _ in words]
     picture[:28, : sum(widths) + 4] //= 4

@@ -21,7 +21,7 @@ ANCHORS = np.array(
     [(5, 48, 97), (67, 147, 195), (209, 229, 240), (250, 250, 250), (253, 219, 199), (214, 96, 77), (103, 0, 31)], float
 )
 """Blue - white - red, of even steps in lightness: ColorBrewer's RdBu, safe for colour-blind eyes."""
-NOTHING = (176, 176, 176)
+NO_VALUE = (176, 176, 176)
 MAP_WIDTH = 400
 MOST_LINES = 200
 """Points of a chart that are told as a table, too."""
@@ -34,7 +34,7 @@ def diverging(value: Map, limit: float) -> Rgb:
     share = np.clip(np.nan_to_num(value) / limit, -1, 1) * 0.5 + 0.5
     anchors = np.linspace(0, 1, len(ANCHORS))
     rgb = np.stack([np.interp(share, anchors, ANCHORS[:, k]) for k in range(3)], axis=-1)
-    return np.where(np.isfinite(value)[..., None], np.round(rgb), NOTHING).astype(np.uint8)
+    return np.where(np.isfinite(value)[..., None], np.round(rgb), NO_VALUE).astype(np.uint8)
 
 
 def ticks(low: Length, high: Length, count: int = 5, *, whole: bool = False) -> list[float]:
@@ -212,16 +212,16 @@ def curve_chart(
         rim = [(across(x[k]), up(first[k] + band[k])) for k in run]
         rim += [(across(x[k]), up(first[k] - band[k])) for k in run[::-1]]
         canvas.area(rim, colour=lines[0][2], opacity=0.18)
-    for place, (_, values, colour) in enumerate(lines):
+    for order, (_, values, colour) in enumerate(lines):
         for run in _runs(np.isfinite(values)):
             if joined and len(run) > 1:
                 canvas.line([(across(x[k]), up(values[k])) for k in run], colour=colour, width=2)
             for k in run:
-                if not joined and place == 0:
+                if not joined and order == 0:
                     bar = [(across(x[k]), up(first[k] + sign * band[k])) for sign in (-1, 1)]
                     canvas.line(bar, colour=colour)
                 if not joined or len(x) <= 40:
-                    canvas.dot(across(x[k]), up(values[k]), colour=colour, radius=2.6, hollow=place == 0)
+                    canvas.dot(across(x[k]), up(values[k]), colour=colour, radius=2.6, hollow=order == 0)
     heads = [name for name, _, _ in lines]
     if len(x) <= MOST_LINES:
         canvas.rows = [(x_label, *heads, "half of the 90 % band")]

@@ -9,9 +9,7 @@ from jaxsim.config import DetectorExperiment
 from jaxsim.evaluate.cloud_folder import CloudFolder, read_points
 from jaxsim.report.boxes import draw_above, draw_on_image
 from jaxsim.report.pictures import save_picture
-from jaxsim.report.scenes import TurnedScene, cloud_with_boxes, write_clouds
-
-PAGE = "clouds.html"
+from jaxsim.report.scenes import CLOUDS_PAGE, TurnedScene, cloud_with_boxes, write_clouds
 
 
 def write_detected(
@@ -24,7 +22,7 @@ def write_detected(
     """
     scenes = [_drawn(folder, file, out, experiment=experiment) for file in files]
     words = "Found boxes are orange, labelled ones green; the crossed side is the front."
-    return write_clouds(out / PAGE, scenes, title="jaxsim detect", sentence=sentence, words=words)
+    return write_clouds(out / CLOUDS_PAGE, scenes, title="jaxsim detect", sentence=sentence, words=words)
 
 
 def _drawn(folder: CloudFolder, file: Path, out: Path, *, experiment: DetectorExperiment) -> TurnedScene:

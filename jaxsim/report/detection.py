@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
+from jaxsim.metrics.detection import DIFFICULTIES, OVERLAP_SETS, PRINTED_COLUMNS, Curve
 from jaxsim.metrics.detection.matching import SLOTS
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, Length, save_figure
 from jaxsim.report.results import list_facts, markdown_table, number_or_none, write_results
@@ -27,7 +27,7 @@ def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
     blocks = []
     for kind in dict.fromkeys(curve.kind for curve in curves):
         known = {(c.difficulty, c.metric, c.overlap_set): c for c in curves if c.kind == kind}
-        columns = [column for column in COLUMNS if any((name, *column) in known for name in DIFFICULTIES)]
+        columns = [column for column in PRINTED_COLUMNS if any((name, *column) in known for name in DIFFICULTIES)]
         some = next(iter(DIFFICULTIES))
         head = [f"{_NAMES[metric]}@{known[some, metric, which].min_overlap:g}" for metric, which in columns]
         rows = []
@@ -89,7 +89,7 @@ def _panel(canvas: Canvas, curves: Sequence[Curve], *, x: Length, y: Length, lab
 def mean_table(means: Means) -> str:
     """A Markdown table of AP R40 over checkpoints, mean (standard deviation), of one class."""
     rows = []
-    for metric, overlap_set in COLUMNS:
+    for metric, overlap_set in PRINTED_COLUMNS:
         cells = [means.get((metric, overlap_set, name), (math.nan, math.nan)) for name in DIFFICULTIES]
         if any((metric, overlap_set, name) in means for name in DIFFICULTIES):
             words = ["-" if math.isnan(mean) else f"{mean:.2f} ({spread:.2f})" for mean, spread in cells]

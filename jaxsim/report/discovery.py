@@ -15,7 +15,7 @@ from jaxsim.report.charts import ticks, x_axis
 from jaxsim.report.evidence import curves, dependence_table, gap, levels, maps, moved, objects
 from jaxsim.report.named import named_effects, ranking_chart, repeats, unexplained
 from jaxsim.report.page import (
-    NOTHING,
+    EMPTY,
     DrawChart,
     code,
     figure,
@@ -94,7 +94,7 @@ def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]
             ("time", f"{verdict.seconds:.0f} s"),
         ],
         sections=[
-            unexplained(verdict.unexplained, draw, missing=True) if outside else NOTHING,
+            unexplained(verdict.unexplained, draw, missing=True) if outside else EMPTY,
             named_effects(verdict.effects, draw, shown=[(c.channel, c.covariate) for c in result.curves]),
             regimes(verdict.regimes, draw, frames=result.frames),
             own_effects(verdict.own),
@@ -108,7 +108,7 @@ def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]
             gap(verdict),
             ranking_chart(verdict.ranking, verdict.effects),
             _chance(verdict, draw),
-            NOTHING if outside else unexplained(verdict.unexplained, draw),
+            EMPTY if outside else unexplained(verdict.unexplained, draw),
             could_show(verdict.sensitivity),
             levels(verdict.levels),
             objects(verdict.objects),
@@ -133,7 +133,7 @@ def _chance(verdict: Verdict, draw: DrawChart) -> Markup:
     """How often naming errs on these very data, if nulls were drawn; else nothing."""
     nulls = verdict.nulls
     if nulls is None:
-        return NOTHING
+        return EMPTY
     count = len(nulls.gains)
     words = (
         f"{count} measurements in which nothing is missing were drawn (this simulation with what is left of these "

@@ -12,10 +12,10 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Fidelity, Gained, Gap, Interval, Level, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, draw_maps
-from jaxsim.report.page import NOTHING, DrawChart, below, file_name, join_parts, key, paragraph, section, shows, table
-from jaxsim.report.words import AXES, CHANNELS, Axis, nuisance, nuisance_title, number, percent, probability
+from jaxsim.report.page import EMPTY, DrawChart, below, file_name, join_parts, key, paragraph, section, shows, table
+from jaxsim.report.words import AXES, SIGN_WORDS, Axis, nuisance, nuisance_title, number, percent, probability
 
-SMALL = 0.005
+NO_CHANGE = 0.005
 """A change below this share of the distance is none that matters, however sure its sign."""
 
 
@@ -60,7 +60,7 @@ def _share(share: float) -> str:
 def maps(result: Result, draw: DrawChart) -> Markup:
     """Residuals on the polar grid, before and after."""
     parts = []
-    for channel, sides in CHANNELS.items():
+    for channel, sides in SIGN_WORDS.items():
         before, after = result.maps_before.get(channel), result.maps_after.get(channel)
         if before is None or after is None:
             continue
@@ -78,7 +78,7 @@ def maps(result: Result, draw: DrawChart) -> Markup:
         "Mean residual of each cell over the judge scenes, measured minus simulated. Colours end at the "
         f"{SHARE_SHOWN}th percentile of its size, or at its root mean square if that is larger."
     )
-    return section("Residual maps on judge scenes", explain + join_parts(parts)) if parts else NOTHING
+    return section("Residual maps on judge scenes", explain + join_parts(parts)) if parts else EMPTY
 
 
 def _rms(values: np.ndarray) -> float:
@@ -89,7 +89,7 @@ def _rms(values: np.ndarray) -> float:
 def curves(lines: Iterable[CurveLine], draw: DrawChart) -> Markup:
     """Residuals along covariates, before and after."""
     parts = []
-    for place, curve in enumerate(lines):
+    for order, curve in enumerate(lines):
         axis = AXES.get(curve.covariate, Axis(curve.covariate))
         pair = (("before", np.asarray(curve.before, float), BEFORE), ("after", np.asarray(curve.after, float), AFTER))
         chart = curve_chart(
@@ -97,15 +97,15 @@ def curves(lines: Iterable[CurveLine], draw: DrawChart) -> Markup:
             pair,
             np.asarray(curve.band, float),
             x_label=axis.label,
-            y_label=curve.unit if curve.spread or curve.channel not in CHANNELS else CHANNELS[curve.channel].unit,
+            y_label=curve.unit if curve.spread or curve.channel not in SIGN_WORDS else SIGN_WORDS[curve.channel].unit,
             joined=curve.covariate != "class",
             whole=curve.covariate in CATEGORICAL,
-            name=f"curve {place}" if curve.edges is not None else "",
+            name=f"curve {order}" if curve.edges is not None else "",
         )
         caption = f"{curve.channel.capitalize()} along {curve.covariate}: {curve.unit}."
         parts.append(draw(_curve(curve.channel, curve.covariate, spread=curve.spread), chart, caption))
     if not parts:
-        return NOTHING
+        return EMPTY
     legend = key(
         [("before, with its 90 % band from the scatter between scenes", "before", True), ("after", "after", False)]
     )
@@ -116,7 +116,7 @@ def curves(lines: Iterable[CurveLine], draw: DrawChart) -> Markup:
     return section("Along the effect's own covariates", intro + legend + join_parts(parts))
 
 
-LEVELS = {
+LEVEL_TITLES = {
     "range_noise": ("range noise", "range", 100.0, "cm"),
     "intensity_noise": ("intensity noise, in proportion", "intensity", 100.0, "%"),
     "intensity_noise_constant": ("intensity noise, the same for all", "intensity", 1.0, ""),
@@ -131,11 +131,11 @@ def levels(compared: Sequence[Level]) -> Markup:
     """Noise, losses and lattices of both sides, and what the simulator lacks of them."""
     rows = []
     for one in compared:
-        title, channel, factor, unit = LEVELS[one.name]
+        title, channel, factor, unit = LEVEL_TITLES[one.name]
         sides = [_level(side, factor, unit) for side in (one.simulated, one.measured, one.missing)]
         rows.append([of_channel(channel, title), *sides, "more than usual" if one.beyond_usual else ""])
     if not rows:
-        return NOTHING
+        return EMPTY
     words = (
         "Told from neighbouring rays of one surface, each side by itself; with 90 % intervals over scenes. No "
         "discovery: what is missing goes into sensor.json as levels, which simulations draw. A sensor's intensity "
@@ -147,7 +147,7 @@ def levels(compared: Sequence[Level]) -> Markup:
 def objects(kinds: Sequence[Fidelity]) -> Markup:
     """Points and mean intensity a target, simulated against measured, before anything is added."""
     if not kinds:
-        return NOTHING
+        return EMPTY
     rows = [
         [one.kind, str(one.targets), *map(_error, (one.points, one.points_more, one.intensity, one.intensity_more))]
         for one in kinds
@@ -180,7 +180,7 @@ def _level(side: Interval, factor: float, unit: str) -> str:
 def gap(verdict: Verdict) -> Markup:
     """Errors by channel before and after, what the likelihood gains, beside floor and placebo, and the closure."""
     if not verdict.gap:
-        return NOTHING
+        return EMPTY
     added = bool(verdict.effects)
     rows = [
         [
@@ -211,7 +211,7 @@ def _gained(verdict: Verdict) -> Markup:
     """What the likelihood of judge scenes gains by channel, and the closure."""
     sides = {name: g.gained for name, g in verdict.gap.items() if g.gained}
     if not sides or not verdict.effects:
-        return NOTHING
+        return EMPTY
     bar = verdict.ranking[0].bar if verdict.ranking else 0.0
     rows = [
         [
@@ -251,7 +251,7 @@ def _change(gap: Gap) -> str:
     """The interval of a channel's change, and what it says."""
     if not (np.isfinite(gap.low) and np.isfinite(gap.high)):
         return "not compared"
-    small = max(abs(gap.low), abs(gap.high)) < SMALL * gap.before
+    small = max(abs(gap.low), abs(gap.high)) < NO_CHANGE * gap.before
     unclear = "not worse" if gap.not_worse else "may be worse"
     word = "unchanged" if small else "shrank" if gap.low > 0 else "grew" if gap.high < 0 else unclear
     return below(f"{number(gap.low)} to {number(gap.high)}", word)
@@ -260,7 +260,7 @@ def _change(gap: Gap) -> str:
 def moved(verdict: Verdict) -> Markup:
     """Nuisances without the effects and with them."""
     if not verdict.moved or not verdict.effects:
-        return NOTHING
+        return EMPTY
     rows = [
         [nuisance_title(name), nuisance(name, before), nuisance(name, after)]
         for name, (before, after) in verdict.moved.items()

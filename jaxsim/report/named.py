@@ -13,7 +13,7 @@ from jaxsim.effects import EFFECTS, Effect, Parameter
 from jaxsim.report.canvas import BEFORE
 from jaxsim.report.charts import curve_chart, interval_chart
 from jaxsim.report.page import (
-    NOTHING,
+    EMPTY,
     DrawChart,
     bar_cell,
     code,
@@ -25,14 +25,14 @@ from jaxsim.report.page import (
     shows,
     table,
 )
-from jaxsim.report.words import AXES, CHANNELS, Axis, dependence, number, probability, span, title_of
+from jaxsim.report.words import AXES, SIGN_WORDS, Axis, dependence, number, probability, span, title_of
 
 
 def named_effects(effects: Sequence[Named], draw: DrawChart, *, shown: Sequence[tuple[str, str]] = ()) -> Markup:
     """Each named effect with its formula, gain, parameters and look-alikes. `shown` are (channel, covariate) of the
     curves that the page has."""
     if not effects:
-        return NOTHING
+        return EMPTY
     return section("What the simulation lacks", join_parts(_effect(effect, draw, shown) for effect in effects))
 
 
@@ -115,7 +115,7 @@ def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence
 def ranking_chart(ranks: Sequence[Rank], effects: Sequence[Named]) -> Markup:
     """The candidates of the first step as bars, with the bar that they had to pass."""
     if not ranks:
-        return NOTHING
+        return EMPTY
     named = {effect.name for effect in effects}
     reach = max([1.5 * ranks[0].bar, *(r.gain for r in ranks if np.isfinite(r.gain))]) or 1.0
     rows = [
@@ -135,7 +135,7 @@ def ranking_chart(ranks: Sequence[Rank], effects: Sequence[Named]) -> Markup:
     heads = ["effect", "gain, and the bar", "nats", "p", "why not"]
     alike = {other for effect in effects for other in effect.look_alikes}
     others = [r for r in ranks if r.name not in named | alike]
-    loser = NOTHING
+    loser = EMPTY
     if effects and others:
         why = others[0].why_not or "no reason was recorded"
         loser = paragraph(f"Runner-up, look-alikes left out: {others[0].name}. Why it lost: {why}.")
@@ -145,7 +145,7 @@ def ranking_chart(ranks: Sequence[Rank], effects: Sequence[Named]) -> Markup:
 def repeats(patterns: Sequence[Repeat]) -> Markup:
     """What comes back at the same rows and columns in every scene, the named effects in place."""
     if not patterns:
-        return NOTHING
+        return EMPTY
     rows = [
         [
             one.channel,
@@ -184,7 +184,7 @@ def unexplained(one: Unexplained | None, draw: DrawChart, *, missing: bool = Fal
         return section(title, words)
     x, y = axis.shown(np.array(one.x, float)), np.array(one.y, float)
     band = np.array(one.band or (0.0,) * len(one.y), float)
-    unit = CHANNELS[one.channel].unit if one.channel in CHANNELS else one.channel
+    unit = SIGN_WORDS[one.channel].unit if one.channel in SIGN_WORDS else one.channel
     chart = curve_chart(
         x,
         [("fitted", y, BEFORE)],

@@ -19,7 +19,7 @@ from jaxsim.report.pictures import Rgb
 
 DrawChart = Callable[[str, Canvas | None, str], Markup]
 """Keeps a chart under a name and gives its HTML with a caption; nothing but the words for a chart without values."""
-NOTHING = Markup()
+EMPTY = Markup()
 
 
 @cache
@@ -43,7 +43,7 @@ def whole_page(
     sentence: str,
     facts: Sequence[tuple[str, str]],
     sections: Sequence[Markup],
-    scenes: Markup = NOTHING,
+    scenes: Markup = EMPTY,
 ) -> str:
     """The page: the answer first, what it rests on, then the evidence. `scenes` is what `scenes.packed` gives for the
     viewer."""
@@ -64,7 +64,7 @@ def whole_page(
 
 def join_parts(parts: Iterable[str]) -> Markup:
     """Parts one after the other; those that are no Markup are escaped."""
-    return NOTHING.join(parts)
+    return EMPTY.join(parts)
 
 
 def section(title: str, body: str, *, name: str = "") -> Markup:
@@ -83,7 +83,7 @@ def code(text: str) -> Markup:
 def shows(words: str, *, scene: int | None = None, channel: str = "", figures: Sequence[str] = ()) -> Markup:
     """Words by which the viewer shows a scene (its number) or a channel, and marks figures; plain without scripts."""
     what = {"scene": "" if scene is None else str(scene), "channel": channel, "figures": " ".join(figures)}
-    data = NOTHING.join(Markup(' data-{}="{}"').format(name, value) for name, value in what.items() if value)
+    data = EMPTY.join(Markup(' data-{}="{}"').format(name, value) for name, value in what.items() if value)
     return Markup('<span class="shows"{}>{}</span>').format(data, words)
 
 

@@ -16,8 +16,8 @@ Rgb = UInt8[np.ndarray, "_ _ 3"]
 """A picture, rows x columns; pictures of one call may differ in size."""
 Raster = Float[np.ndarray, "rows columns"]
 _Mask = Bool[np.ndarray, "rows columns"]
-NOTHING = np.array([38, 38, 42], np.uint8)
-INK = (232, 232, 232)
+NO_RETURN = np.array([38, 38, 42], np.uint8)
+LIGHT_INK = (232, 232, 232)
 
 # Cityscapes colours by class id, for the classes that street data sets label.
 CLASS_COLOURS = np.full((256, 3), 60, np.uint8)
@@ -36,12 +36,12 @@ def colour_scalar(
     """A scalar raster in the turbo colour map; cells without a value are dark grey."""
     scaled = np.clip((value - low) / (high - low), 0, 1) ** gamma
     colours = cv2.applyColorMap((scaled * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
-    return np.where(valid[..., None], colours, NOTHING)
+    return np.where(valid[..., None], colours, NO_RETURN)
 
 
 def colour_classes(semantic: Int[np.ndarray, "rows columns"], valid: _Mask) -> UInt8[np.ndarray, "rows columns 3"]:
     """Cityscapes' own colours."""
-    return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], NOTHING)
+    return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], NO_RETURN)
 
 
 def strip(panels: Sequence[tuple[str, UInt8[np.ndarray, "_ _ 3"]]], *, width: int = 1488) -> Rgb:
@@ -52,7 +52,7 @@ def strip(panels: Sequence[tuple[str, UInt8[np.ndarray, "_ _ 3"]]], *, width: in
         # A laser line is drawn taller than it is wide: its angular step is twice the column's.
         height = round(panel.shape[0] * scale * (1.4 if panel.shape[1] > 4 * panel.shape[0] else 1.0))
         bar = np.full((26, width, 3), 18, np.uint8)
-        cv2.putText(bar, title, (8, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
+        cv2.putText(bar, title, (8, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, LIGHT_INK, 1, cv2.LINE_AA)
         interpolation = cv2.INTER_NEAREST if scale >= 1 else cv2.INTER_AREA
         rows += [bar, cv2.resize(np.ascontiguousarray(panel), (width, height), interpolation=interpolation)]
     return np.concatenate(rows)
@@ -87,7 +87,7 @@ def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (5
     colours = palette[(shade * 255).astype(np.uint8)]
     for du, dv in ((0, 0), (1, 0), (0, 1), (1, 1)):
         picture[v + dv, u + du] = colours
-    cv2.putText(picture, title, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.55, INK, 1, cv2.LINE_AA)
+    cv2.putText(picture, title, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.55, LIGHT_INK, 1, cv2.LINE_AA)
     return picture
 
 

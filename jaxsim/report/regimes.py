@@ -14,7 +14,7 @@ from markupsafe import Markup
 from jaxsim.discover.verdict import JudgeFrame, Regime
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, ClickTarget
 from jaxsim.report.charts import Coordinate, label, ticks, x_axis
-from jaxsim.report.page import NOTHING, DrawChart, below, code, file_name, join_parts, key, paragraph, section, table
+from jaxsim.report.page import EMPTY, DrawChart, below, code, file_name, join_parts, key, paragraph, section, table
 from jaxsim.report.words import number, part_of, percent, probability, span
 
 LEFT = 72
@@ -23,7 +23,7 @@ TOP = 30
 BOTTOM = 148
 MARK = 5.0
 """Half the width of a judge frame's mark, pixels."""
-MOST = 2.5
+MOST_SIZE = 2.5
 """Size that the axis reaches at most: a scene that tells little may ask for any."""
 
 
@@ -31,7 +31,7 @@ def regimes(acting: Sequence[Regime], draw: DrawChart, *, frames: Sequence[Judge
     """Each effect that acts in a part alone: where, how large there and outside, and a strip along what divides.
     `frames` are those that the page shows ray by ray."""
     if not acting:
-        return NOTHING
+        return EMPTY
     rows = [
         [
             code(one.effect),
@@ -54,12 +54,12 @@ def regimes(acting: Sequence[Regime], draw: DrawChart, *, frames: Sequence[Judge
     )
     heads = ["effect", "acts", "share", "inside", "outside", "p", "q", "judge scenes", "in simulations"]
     legend = key([("inside", "after", False), ("outside", "before", True)])
-    strips = join_parts(_strip(one, draw, place=k, frames=frames) for k, one in enumerate(acting))
+    strips = join_parts(_strip(one, draw, ordinal=k, frames=frames) for k, one in enumerate(acting))
     body = paragraph(words) + table(heads, rows, text=2, last_text=True) + legend + strips
     return section("Where and when it acts", body)
 
 
-def _strip(one: Regime, draw: DrawChart, *, place: int, frames: Sequence[JudgeFrame]) -> Markup:
+def _strip(one: Regime, draw: DrawChart, *, ordinal: int, frames: Sequence[JudgeFrame]) -> Markup:
     what = "sector" if one.divides == "azimuth" else "scene"
     caption = (
         f"{one.effect}, which acts {part_of(one)} (shaded): the size that each {what} asks for, had the effect been "
@@ -69,7 +69,7 @@ def _strip(one: Regime, draw: DrawChart, *, place: int, frames: Sequence[JudgeFr
         caption += " A click on a sector lights its rays."
     elif frames and _timed(one):
         caption += " Marks above: the judge frames of this page; a click on a moment shows the one that is nearest."
-    return draw(file_name("regime", one.effect), strip_chart(one, place=place, frames=frames), caption)
+    return draw(file_name("regime", one.effect), strip_chart(one, ordinal=ordinal, frames=frames), caption)
 
 
 def picks_of(acting: Sequence[Regime], frame: JudgeFrame, *, columns: int) -> Mapping[str, Int[np.ndarray, " n"]]:
@@ -79,9 +79,9 @@ def picks_of(acting: Sequence[Regime], frame: JudgeFrame, *, columns: int) -> Ma
     return {_picked(k): frame.column * count // columns for k, count in sectors.items()}
 
 
-def _picked(place: int) -> str:
+def _picked(ordinal: int) -> str:
     """The name by which the viewer picks sectors of a strip."""
-    return f"regime {place}"
+    return f"regime {ordinal}"
 
 
 def title(frame: JudgeFrame) -> str:
@@ -94,12 +94,12 @@ def _timed(one: Regime) -> bool:
     return one.divides != "azimuth" and one.x != tuple(range(len(one.x)))
 
 
-def strip_chart(one: Regime, *, place: int = 0, frames: Sequence[JudgeFrame] = ()) -> Canvas | None:
+def strip_chart(one: Regime, *, ordinal: int = 0, frames: Sequence[JudgeFrame] = ()) -> Canvas | None:
     """Sizes along what divides, those inside filled; None where nothing tells them. `place` is its number among the
     regimes; moments that `frames` lie nearest to, and sectors, answer to a click."""
     around = one.divides == "azimuth"
     x = np.rad2deg(one.x) if around else np.array(one.x, float)
-    size = np.clip(np.array(one.sizes, float), -MOST + 1, MOST)
+    size = np.clip(np.array(one.sizes, float), -MOST_SIZE + 1, MOST_SIZE)
     known = np.isfinite(size)
     if not known.any():
         return None
@@ -137,7 +137,7 @@ def strip_chart(one: Regime, *, place: int = 0, frames: Sequence[JudgeFrame] = (
     told = zip(x.tolist(), one.sizes, one.held, strict=True)
     canvas.rows = [heads, *((label(round(at, 1)), number(value), "yes" if held else "no") for at, value, held in told)]
     if around and frames:
-        _sector_targets(canvas, x, across, place=place)
+        _sector_targets(canvas, x, across, ordinal=ordinal)
     else:
         _frame_targets(canvas, one, shown, across=across, ends=(first, last))
     return canvas
@@ -158,11 +158,11 @@ def _inside(x: np.ndarray, held: Sequence[bool], *, ends: tuple[float, float], t
     return list(zip(begins, stops, strict=True))
 
 
-def _sector_targets(canvas: Canvas, x: np.ndarray, across: Coordinate, *, place: int) -> None:
+def _sector_targets(canvas: Canvas, x: np.ndarray, across: Coordinate, *, ordinal: int) -> None:
     half = abs(across(float(np.max(x))) - across(float(np.min(x)))) / max(len(x) - 1, 1) / 2 or 6.0
     for k, at in enumerate(x.tolist()):
         words = f"sector about {label(round(at))}° of azimuth"
-        target = ClickTarget(_picked(place), k)
+        target = ClickTarget(_picked(ordinal), k)
         canvas.target(target, words, x=across(at) - half, y=TOP, width=2 * half, height=BOTTOM - TOP)
 
 
@@ -178,10 +178,10 @@ def _frame_targets(
     ordered = sorted(frames, key=lambda pair: pair[1].time_s)
     times = [frame.time_s for _, frame in ordered]
     rims = [ends[0], *((a + b) / 2 for a, b in pairwise(times)), ends[1]]
-    for place, (k, frame) in enumerate(ordered):
+    for position, (k, frame) in enumerate(ordered):
         at = across(frame.time_s)
-        left = across(rims[place])
-        right = across(rims[place + 1])
+        left = across(rims[position])
+        right = across(rims[position + 1])
         canvas.area([(at - MARK, TOP - 16), (at + MARK, TOP - 16), (at, TOP - 6)], colour=INK)
         acts = ""
         if one.where.time_s:

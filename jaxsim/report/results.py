@@ -115,9 +115,9 @@ def write_scores(
         tables.append(difference_table(differences or {}))
     if scenes:
         content["scenes"] = {
-            scene: {who: plain_scores(row) for who, row in own.items()} for scene, own in scenes.items()
+            scene: {who: plain_scores(row) for who, row in by_method.items()} for scene, by_method in scenes.items()
         }
-        rows = [[scene, *(score_text(row["mae"]) for row in own.values())] for scene, own in scenes.items()]
+        rows = [[scene, *(score_text(row["mae"]) for row in by_method.values())] for scene, by_method in scenes.items()]
         by_scene = [markdown_table(["mae by scene", *next(iter(scenes.values()))], rows)]
     if distribution:
         content["distribution"] = plain_scores(distribution)

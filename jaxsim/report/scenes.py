@@ -16,7 +16,7 @@ from markupsafe import Markup
 from jaxsim.detect.results import corners_of
 from jaxsim.files import write_text
 from jaxsim.report.boxes import FOUND, LABEL
-from jaxsim.report.page import NOTHING, explorer, paragraph, section, shows, table, whole_page
+from jaxsim.report.page import EMPTY, explorer, paragraph, section, shows, table, whole_page
 from jaxsim.report.words import number
 
 MOST_BYTES = 3_500_000
@@ -25,6 +25,7 @@ NOWHERE = 2**16 - 1
 """The group of a ray that is in none."""
 GROUND_SHARE = 0.05
 """Share of the points below which the ground is drawn."""
+CLOUDS_PAGE = "clouds.html"
 BRIGHT = 0.6
 """Intensity at which colours end: few surfaces are brighter."""
 
@@ -42,7 +43,7 @@ class Channel:
     """turbo, or diverging about the middle."""
 
 
-CHANNELS = (
+SHOWN = (
     Channel("intensity", "intensity", 0.0, BRIGHT, ""),
     Channel("height", "height over the sensor", -2.5, 2.5, "m"),
     Channel("range", "distance", 0.0, 60.0, "m"),
@@ -204,7 +205,7 @@ def cloud_with_boxes(
 def turning(scenes: Sequence[TurnedScene], words: str) -> tuple[Markup, Markup]:
     """A section with the viewer and a table of what it shows, and its scenes; nothing where there is none."""
     if not scenes:
-        return NOTHING, NOTHING
+        return EMPTY, EMPTY
     kinds = [("boxes found", True), ("labelled", False)] if any(scene.boxes for scene in scenes) else []
     rows = [
         [
@@ -216,7 +217,7 @@ def turning(scenes: Sequence[TurnedScene], words: str) -> tuple[Markup, Markup]:
     ]
     heads = ["scene", "points", *(head for head, _ in kinds)]
     body = paragraph(words) + explorer(words, has_map=False) + table(heads, rows, text=2)
-    return section("The clouds", body), packed(scenes, CHANNELS)
+    return section("The clouds", body), packed(scenes, SHOWN)
 
 
 def write_clouds(

@@ -14,9 +14,7 @@ from jaxsim.files import file_of
 from jaxsim.frame import Cloud, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report.pictures import draw_cloud, save_picture, simulated_picture
-from jaxsim.report.scenes import compared_clouds, write_clouds
-
-PAGE = "clouds.html"
+from jaxsim.report.scenes import CLOUDS_PAGE, compared_clouds, write_clouds
 
 
 def draw_simulated(out: Path, name: str, cloud: Cloud, *, image: PolarImage, painted: Painted) -> None:
@@ -41,7 +39,7 @@ def write_simulated(out: Path, dataset: Dataset, positions: Sequence[int], *, ru
     beside = any(len(scene.sides) > 1 for scene in scenes)
     both = "Left of the slider the simulated cloud, in the camera's view; right of it the measured one."
     return write_clouds(
-        out / PAGE,
+        out / CLOUDS_PAGE,
         scenes,
         title="jaxsim simulate",
         sentence=f"The sensor of {run}, simulated{' beside what was measured' if beside else ''}.",

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.data.cityscapes import IDS
+from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.verdict import Interval, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 
@@ -30,7 +30,7 @@ class SignWords(NamedTuple):
     """What the channel's readings are called."""
 
 
-CHANNELS = {
+SIGN_WORDS = {
     "intensity": SignWords("ln I, nats", "measured brighter than simulated", "measured darker", "the intensities"),
     "range": SignWords("range, m", "measured farther than simulated", "measured nearer", "the ranges"),
     "drop": SignWords("share of rays", "more rays lost than expected", "fewer lost", "the returns"),
@@ -84,14 +84,13 @@ NUISANCES = {
 """Meaning and unit of jaxsim.discover.model.noise.Noise: logarithms of scales, or log odds of rates (no unit)."""
 
 
-CLASSES = {number: name for name, number in IDS.items()}
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def nuisance_title(name: str) -> str:
     """What a nuisance is called; classes by Cityscapes' names, as targets are."""
     kind, _, of = name.partition(" ")
-    return CLASSES.get(int(of), name) if kind == "class" and of.isdecimal() else NUISANCES.get(name, (name, ""))[0]
+    return NAMES.get(int(of), name) if kind == "class" and of.isdecimal() else NUISANCES.get(name, (name, ""))[0]
 
 
 def nuisance(name: str, value: _Real) -> str:
@@ -207,7 +206,7 @@ def _gained(verdict: Verdict, words: str) -> str:
     if not sides:
         return ""
     name, g = max(sides.items(), key=lambda side: side[1].value)
-    gains = words.format(CHANNELS[name].readings)
+    gains = words.format(SIGN_WORDS[name].readings)
     interval = f"90 % interval {number(g.low)} to {number(g.high)}"
     return f"{gains}, by {number(g.value)} nats per scene ({interval}), where free curves gain nothing for certain"
 

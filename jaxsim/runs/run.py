@@ -31,7 +31,7 @@ MOST_CHECKPOINT = 64 * 2**30
 """Bytes of one file of a checkpoint."""
 SUMS = "sha256"
 """Item of a checkpoint that holds the SHA-256 of the others."""
-FREE = (
+CHANGEABLE = (
     "data.cache",
     "optim.steps",
     "optim.epochs",
@@ -76,7 +76,7 @@ def start_run(folder: Path, run: AnyRun) -> None:
         by="run",
         text=kind.dump(run),
         read=lambda _: kind.plain(load_run(folder, type(run)).experiment),
-        free=[name for name in FREE if name not in kind.fixed],
+        free=[name for name in CHANGEABLE if name not in kind.fixed],
         instead="another --run.name",
     )
 

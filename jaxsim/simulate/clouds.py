@@ -15,7 +15,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxsim.cloud import LINES, EvenLines, crop_cloud, depth_to_cloud, sparsify
+from jaxsim.cloud import PATTERNS, EvenLines, crop_cloud, depth_to_cloud, sparsify
 from jaxsim.config import CloudRecipe
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.effects.chain import SensorModel
@@ -27,7 +27,7 @@ from jaxsim.simulate.frames import motion_of, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor
 
 NO_LINES = "none"
-_KNOWN = {*LINES, *PRESETS, NO_LINES}
+_KNOWN = {*PATTERNS, *PRESETS, NO_LINES}
 
 
 def check_recipe(recipe: CloudRecipe, learned: LearnedSensor | None, effects_model: SensorModel | None = None) -> None:
@@ -38,7 +38,7 @@ def check_recipe(recipe: CloudRecipe, learned: LearnedSensor | None, effects_mod
         raise ValueError(f"clouds: no lines named {recipe.lines!r}; known: {names}, or a folder that holds a grid.json")
     if recipe.beams and lines_of(recipe) == NO_LINES:
         raise ValueError("clouds: beams are rows of lines, and there are none; name them with --recipe.lines 64")
-    if recipe.beams and LINES.get(lines_of(recipe), (None, None))[1] is not None:
+    if recipe.beams and PATTERNS.get(lines_of(recipe), (None, None))[1] is not None:
         raise ValueError(
             f"clouds: {recipe.lines} already keeps some of its rows; name those that you want of all: "
             f"--recipe.lines 64 --recipe.beams {' '.join(map(str, recipe.beams))}"
@@ -85,15 +85,15 @@ def make_cloud(
         cells, rows = _cells(lines)
         beams = tuple(recipe.beams) or rows
         # The published lines belong with the published crop; a sensor's own beams bound what they see.
-        dense = crop_cloud(dense) if lines in LINES else dense
+        dense = crop_cloud(dense) if lines in PATTERNS else dense
         winner = "last" if recipe.published else "nearest"
         dense = sparsify(dense, cells, beams=beams, winner=winner, clamp=recipe.published)
     return jax.tree.map(np.asarray, dense)
 
 
 def _cells(lines: str) -> tuple[EvenLines | PolarGrid, Sequence[int] | None]:
-    if lines in LINES:
-        return LINES[lines]
+    if lines in PATTERNS:
+        return PATTERNS[lines]
     return (full_grid(PRESETS[lines]) if lines in PRESETS else read_grid(lines)[0]), None
 
 

@@ -87,7 +87,7 @@ OF_NETWORK = 1
 """Tells a frame's draws by the network from those of its effects."""
 
 
-class Batch(NamedTuple):
+class FrameBatch(NamedTuple):
     """Frames that are simulated together, by their places in the data set."""
 
     positions: tuple[int, ...]
@@ -97,7 +97,7 @@ class Batch(NamedTuple):
     """Time of the data set's first frame, which effects that drift count from."""
 
 
-class Made(NamedTuple):
+class MadeBatch(NamedTuple):
     """What became of a batch."""
 
     about: dict[str, dict[str, Any]]
@@ -125,15 +125,15 @@ class FrameMaker:
     """Frames simulated at once: fewer are filled up, so that one compiled program serves all."""
     draw: Draw | None = None
 
-    def __call__(self, chosen: Batch) -> Made:
+    def __call__(self, chosen: FrameBatch) -> MadeBatch:
         frames = self.read(chosen)
         return self.write(chosen, frames, self.simulate(chosen, frames))
 
-    def read(self, chosen: Batch) -> list[Frame]:
+    def read(self, chosen: FrameBatch) -> list[Frame]:
         """The frames of a batch."""
         return [self.dataset[position] for position in chosen.positions]
 
-    def simulate(self, chosen: Batch, frames: Sequence[Frame]) -> Simulated:
+    def simulate(self, chosen: FrameBatch, frames: Sequence[Frame]) -> Simulated:
         """What the network says of them."""
         of_network = [jax.random.fold_in(key, OF_NETWORK) for key in self.keys(chosen)] if self.draws else []
         how = {"projection": self.projection, "grain": self.grain}
@@ -146,12 +146,12 @@ class FrameMaker:
             return data
         return f"{data}, drawn" + (f", grain {self.grain.fingerprint}" if self.grain else "")
 
-    def keys(self, chosen: Batch) -> list[Array]:
+    def keys(self, chosen: FrameBatch) -> list[Array]:
         """What leaves a frame to chance, one a frame."""
         # By the frame's place, not its turn: a resumed folder, or one made by several, draws the same.
         return [jax.random.fold_in(jax.random.key(self.seed), position) for position in chosen.positions]
 
-    def write(self, chosen: Batch, frames: Sequence[Frame], simulated: Simulated) -> Made:
+    def write(self, chosen: FrameBatch, frames: Sequence[Frame], simulated: Simulated) -> MadeBatch:
         """Puts the effects on them, and writes their files."""
         images, painted, seconds = simulated
         keys = self.keys(chosen)
@@ -169,10 +169,10 @@ class FrameMaker:
             if self.draw and position in chosen.drawn:
                 self.draw(frame.name, cloud, image=image, painted=under)
             write_frame(self.out / "polar", frame.name, image, **rasters(under, grid))
-        return Made({frame.name: about_frame(frame.scene, **motion_of(frame)) for frame in frames}, seconds)
+        return MadeBatch({frame.name: about_frame(frame.scene, **motion_of(frame)) for frame in frames}, seconds)
 
 
-Spread = Callable[[Sequence[Batch]], Iterator[Made]]
+SpreadBatches = Callable[[Sequence[FrameBatch]], Iterator[MadeBatch]]
 
 
 def simulate_folder(
@@ -181,7 +181,7 @@ def simulate_folder(
     *,
     data: str,
     previews: int = 0,
-    spread: Spread | None = None,
+    spread: SpreadBatches | None = None,
 ) -> Speed:
     """Simulates the frames at these positions of the maker's data set; those that are there are not made again.
 
@@ -215,7 +215,7 @@ def simulate_folder(
     already = len(positions) - len(missing)
     drawn = frozenset(missing[: max(previews - already, 0)])
     batches = [
-        Batch(tuple(chosen), drawn & {*chosen}, first_s)
+        FrameBatch(tuple(chosen), drawn & {*chosen}, first_s)
         for chosen in (missing[first : first + maker.batch] for first in range(0, len(missing), maker.batch))
     ]
     batches_s = []
@@ -234,7 +234,7 @@ def data_words(source: DataConfig, projection: Projection = "lidar") -> str:
     return ", ".join([source.kind, *unlike])
 
 
-def _overlapped(maker: FrameMaker, batches: Sequence[Batch]) -> Iterator[Made]:
+def _overlapped(maker: FrameMaker, batches: Sequence[FrameBatch]) -> Iterator[MadeBatch]:
     """What became of each batch, in their order: while one is simulated the next is read, and the last is written."""
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         read = zip(batches, prefetch(reader, maker.read, batches), strict=True)

@@ -24,7 +24,7 @@ from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.grain import Grain
-from jaxsim.simulate.predict import Window, check_image
+from jaxsim.simulate.predict import NetworkWindow, check_image
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 
 BATCH = 8
@@ -57,9 +57,14 @@ def simulate_batch(
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
     # Views come from files: what is timed is the simulation.
     begun = time.monotonic()
-    key = jnp.stack([*keys, *[keys[-1]] * (size - len(keys))]) if keys else None
+    key = _filled(keys, size) if keys else None
     image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key, grain=grain))
     return image, painted, time.monotonic() - begun
+
+
+def _filled(keys: Sequence[Array], size: int) -> Array:
+    """The keys of a batch (size,), its last one for what fills it up."""
+    return jnp.stack([*keys, *[keys[-1]] * (size - len(keys))])
 
 
 def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
@@ -160,17 +165,17 @@ def check_motion(
         )
 
 
-def measured_in(window: Window, frame: Frame, *, lines: int) -> PolarImage:
+def measured_in(window: NetworkWindow, frame: Frame, *, lines: int) -> PolarImage:
     """The frame's own scan on a run's window (host memory); `lines` are all those of the sensor.
 
     Raises ValueError where the cloud has no laser lines.
     """
-    grid, place = window
+    grid, row_share = window
     if frame.cloud is None:
         raise ValueError(f"{frame.name}: no LiDAR measured it; hold the run against a data set that has scans")
     if frame.cloud.row is None:
         raise ValueError(f"{frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows)")
-    return scan_on_window(frame.cloud, grid, place, lines=lines)
+    return scan_on_window(frame.cloud, grid, row_share, lines=lines)
 
 
 def comparable(measured: PolarImage, seen: Array) -> PolarImage:

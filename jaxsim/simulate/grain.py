@@ -32,12 +32,12 @@ FILE = "grain.json"
 """In a run's folder."""
 BROKEN_M = 1e3
 """Bend between cells of which one has no range: nothing that heeds edges goes on there."""
-CLASSES = 256
+FIELD_CLASSES = 256
 INSIDE = 1e-6
 """Ranks stay so far from 0 and 1, which single precision would round them to."""
 OFF = 1e-3
 """By how much shares may miss a sum of 1: digits of a file."""
-Rays = Float[Array, "rows columns"]
+_Cells = Float[Array, "rows columns"]
 
 
 @dataclass(frozen=True)
@@ -99,12 +99,12 @@ class Ranks:
 
 
 @struct.dataclass
-class Surfaces:
+class Breaks:
     """What breaks fields: how the range bends from cell to cell, and where classes change."""
 
-    across_m: Rays
+    across_m: _Cells
     """Bend between a cell and the one before it in its row; of the first column BROKEN_M."""
-    down_m: Rays
+    down_m: _Cells
     """Between a cell and the one above; of the first row BROKEN_M."""
     new_across: Bool[Array, "rows columns"]
     """The cell is not of the label of the one before it."""
@@ -114,23 +114,23 @@ class Surfaces:
 
 
 @jax.jit
-def surfaces_of(
-    range_m: Rays,
+def breaks_of(
+    range_m: _Cells,
     valid: Bool[Array, "rows columns"],
     *,
     kind: Int[Array, "rows columns"],
     thing: Int[Array, "rows columns"],
-) -> Surfaces:
+) -> Breaks:
     """Where the surfaces of a range image end. `kind` is each cell's class and `thing` its object, 0 where they are
     not known; `valid` is where the range is known."""
     across_m, new_across = _border(range_m, valid, label=(kind, thing))
     down_m, new_down = _border(range_m.T, valid.T, label=(kind.T, thing.T))
-    return Surfaces(across_m, down_m.T, new_across, new_down.T, jnp.clip(kind, 0, CLASSES - 1))
+    return Breaks(across_m, down_m.T, new_across, new_down.T, jnp.clip(kind, 0, FIELD_CLASSES - 1))
 
 
 def _border(
-    range_m: Rays, valid: Bool[Array, "rows columns"], *, label: tuple[Array, Array]
-) -> tuple[Rays, Bool[Array, "rows columns"]]:
+    range_m: _Cells, valid: Bool[Array, "rows columns"], *, label: tuple[Array, Array]
+) -> tuple[_Cells, Bool[Array, "rows columns"]]:
     """Bend between each cell and the one before it in its row, and where the label changes between them."""
     one = jnp.ones((), range_m.dtype)
     # Of a plane the inverse range is a sine of the ray's angle, whose second difference is nothing beside an edge's.
@@ -153,35 +153,38 @@ def _border(
 
 @jax.jit
 def draw_field(
-    on: Surfaces,
+    on: Breaks,
     key: Array,
     *,
     columns: Float[Array, ""],
     rows: Float[Array, ""],
     edge_m: Float[Array, ""],
-) -> Rays:
+) -> _Cells:
     """One draw of a field of these lengths, cells; every cell of it is standard normal."""
+    # An exponential correlation: one cell on it falls by 1 / length, and by the bend of the surface over `edge_m`; at
+    # another class it is 0.
     kept_across = jnp.where(on.new_across, 0.0, jnp.exp(-1 / columns - on.across_m / edge_m))
     kept_down = jnp.where(on.new_down, 0.0, jnp.exp(-1 / rows - on.down_m / edge_m))
     return _kept(_kept(jax.random.normal(key, on.kind.shape), kept_across, axis=1), kept_down, axis=0)
 
 
-def _kept(new: Rays, keep: Rays, *, axis: int) -> Rays:
+def _kept(new: _Cells, keep: _Cells, *, axis: int) -> _Cells:
     """z[i] = keep[i] z[i - 1] + sqrt(1 - keep[i]^2) new[i], which is standard normal where `new` is and its cells along
     `axis` have nothing to do with each other."""
 
+    # Two steps of the recursion are one of the same form, so that all are made in log n steps.
     def join(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[Array, Array]:
         return first[0] * second[0], second[0] * first[1] + second[1]
 
     return jax.lax.associative_scan(join, (keep, jnp.sqrt(1 - keep * keep) * new), axis=axis)[1]
 
 
-def drawn_of(field: Field, on: Surfaces, key: Array) -> Rays:
+def drawn_of(field: Field, on: Breaks, key: Array) -> _Cells:
     """One draw of a field; every cell of it is standard normal."""
     if field.single:
         return jax.random.normal(key, on.kind.shape)
     if field.columns is None or field.rows is None:
-        return jax.random.normal(key, (CLASSES,))[on.kind]
+        return jax.random.normal(key, (FIELD_CLASSES,))[on.kind]
     lengths = {"columns": field.columns, "rows": field.rows, "edge_m": field.edge_m or jnp.inf}
     return draw_field(on, key, **{name: jnp.float32(length) for name, length in lengths.items()})
 
@@ -193,9 +196,9 @@ def draw_ranks(grain: Grain, painted: Painted, key: Array, *, stays: Array | Non
     same surfaces.
     """
     if key.ndim:
-        one = lambda view, of, kept: draw_ranks(grain, view, of, stays=kept)  # noqa: E731
+        one = lambda view, of, stays: draw_ranks(grain, view, of, stays=stays)  # noqa: E731
         return jax.vmap(one)(painted, key, stays)
-    on = surfaces_of(painted.range_m, painted.valid, kind=painted.semantic, thing=painted.instance)
+    on = breaks_of(painted.range_m, painted.valid, kind=painted.semantic, thing=painted.instance)
     of = {"key": jax.random.split(key), "stays": jax.random.split(key if stays is None else stays)}
     return Ranks(
         ranks_of_fields(grain.intensity, on, of["key"][0], stays=of["stays"][0]),
@@ -203,13 +206,14 @@ def draw_ranks(grain: Grain, painted: Painted, key: Array, *, stays: Array | Non
     )
 
 
-def ranks_of_fields(fields: Sequence[Field], on: Surfaces, key: Array, *, stays: Array | None = None) -> Rays:
+def ranks_of_fields(fields: Sequence[Field], on: Breaks, key: Array, *, stays: Array | None = None) -> _Cells:
     """Ranks 0..1 of one draw, each of them evenly distributed; `stays` as in `draw_ranks`."""
     of_surface = key if stays is None else stays
     total = jnp.zeros(on.kind.shape)
     for k, field in enumerate(fields):
-        own = jax.random.fold_in(key if field.single else of_surface, k)
-        total = total + jnp.sqrt(jnp.float32(field.share)) * drawn_of(field, on, own)
+        field_key = jax.random.fold_in(key if field.single else of_surface, k)
+        # Shares are of the variance.
+        total = total + jnp.sqrt(jnp.float32(field.share)) * drawn_of(field, on, field_key)
     # Of a file's digits the shares may sum to a little more or less than 1.
     total = total / jnp.sqrt(jnp.float32(sum(field.share for field in fields)))
     return jnp.clip(jax.scipy.stats.norm.cdf(total), INSIDE, 1 - INSIDE)

@@ -26,7 +26,7 @@ from scipy.stats import norm
 from jaxsim.config import QUANTILES
 from jaxsim.frame import Pair
 from jaxsim.progress import Progress
-from jaxsim.simulate.grain import Field, Grain, Surfaces, drawn_of, surfaces_of
+from jaxsim.simulate.grain import Breaks, Field, Grain, breaks_of, drawn_of
 from jaxsim.simulate.predict import STEP, Prediction
 
 LAGS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -34,34 +34,34 @@ LAGS = (1, 2, 4, 8, 16, 32, 64, 128)
 BENDS_M = (0.05, 0.5)
 """Pairs of cells are compared by the greatest bend of the range between them: below the first, the second, or beyond.
 Also the edges that fields heed."""
-LENGTHS = (1.0, 4.0, 16.0, 64.0)
+FIELD_LENGTHS = (1.0, 4.0, 16.0, 64.0)
 """Of fields, in columns."""
 ROWS_A_COLUMN = (0.25, 1.0)
 """Their lengths in rows: on the ground cells a row apart lie farther from each other than cells a column apart."""
 CANDIDATES = (
     Field(1.0),
     Field(1.0, None, None),
-    *(Field(1.0, n, n * ratio, edge) for n in LENGTHS for ratio in ROWS_A_COLUMN for edge in (*BENDS_M, None)),
+    *(Field(1.0, n, n * ratio, edge) for n in FIELD_LENGTHS for ratio in ROWS_A_COLUMN for edge in (*BENDS_M, None)),
 )
 OUTER = 0.002
 """Ranks are told from here to as far below 1."""
-DRAWS = 4
+DRAWS_OF_FIELD = 4
 """Of each field on each frame."""
-FEWEST = 50
+FEWEST_PAIRS = 50
 """Pairs of cells whose mean product counts."""
 ORDERS = 24
 """Terms of the series."""
-LEAST = 0.005
+LEAST_FIELD_SHARE = 0.005
 """Shares below this are left out."""
 FRAMES = 32
 """As many are looked at, evenly spread over what is given: more tell the same."""
 
 
 @dataclass(frozen=True)
-class Scan:
+class GrainScan:
     """A measured frame beside what a network says of it."""
 
-    on: Surfaces
+    on: Breaks
     looked: Bool[np.ndarray, "rows columns"]
     """Cells of which the network says anything."""
     back: Bool[np.ndarray, "rows columns"]
@@ -84,7 +84,7 @@ def learn_grain(
     return Grain(fit_intensity(scans), fit_drop(scans), tuple(looked_at))
 
 
-def _scan(says: Prediction, pair: Pair) -> Scan:
+def _scan(says: Prediction, pair: Pair) -> GrainScan:
     if says.quantiles is None or says.drop_share is None:
         raise ValueError(
             "grain: this run's network gives one intensity a cell, no distribution to draw from; train one with "
@@ -94,26 +94,26 @@ def _scan(says: Prediction, pair: Pair) -> Scan:
     looked = np.asarray(seen.valid)
     # A ray that reports 0 counts as lost, as in training.
     back = np.asarray(pair.measured.valid) & (value >= STEP / 2)
-    on = surfaces_of(seen.range_m, seen.valid, kind=seen.semantic, thing=seen.instance)
-    return Scan(on, looked, back, value, np.asarray(says.quantiles), np.asarray(says.drop_share))
+    on = breaks_of(seen.range_m, seen.valid, kind=seen.semantic, thing=seen.instance)
+    return GrainScan(on, looked, back, value, np.asarray(says.quantiles), np.asarray(says.drop_share))
 
 
-def fit_intensity(scans: Iterable[Scan]) -> tuple[Field, ...]:
+def fit_intensity(scans: Iterable[GrainScan]) -> tuple[Field, ...]:
     """Fields of the intensities. Raises ValueError where too few cells came back to tell."""
-    sums = Sums()
+    sums = ProductSums()
     for k, scan in enumerate(scans):
         z = norm.ppf(ranks_of(scan.intensity, scan.quantiles))
-        pairs = Pairs(scan.on, scan.looked & scan.back)
+        pairs = CellPairs(scan.on, scan.looked & scan.back)
         sums.add(pairs, np.stack([pairs.of(z), *pairs.sums(z**2)]), k=k)
     # A network may be too sure, here or there: alike is what cells are beside how far they miss at all.
     return sums.shares(lambda means: means[0] / np.sqrt(np.maximum(means[1] * means[2], 1e-9)))
 
 
-def fit_drop(scans: Iterable[Scan]) -> tuple[Field, ...]:
+def fit_drop(scans: Iterable[GrainScan]) -> tuple[Field, ...]:
     """Fields of the drops. Raises ValueError where too few cells are known to tell."""
-    sums = Sums()
+    sums = ProductSums()
     for k, scan in enumerate(scans):
-        pairs = Pairs(scan.on, scan.looked)
+        pairs = CellPairs(scan.on, scan.looked)
         share = np.clip(scan.drop_share.astype(float), 1e-4, 1 - 1e-4)
         missed = ~scan.back - share
         each = [*pairs.sums(missed), *pairs.sums(missed**2), *pairs.sums(share * (1 - share))]
@@ -134,10 +134,10 @@ def ranks_of(
     return np.clip(rank, OUTER, 1 - OUTER)
 
 
-class Pairs:
+class CellPairs:
     """Pairs of known cells of one frame, by direction, distance and what lies between them (a bin each)."""
 
-    def __init__(self, on: Surfaces, known: Bool[np.ndarray, "rows columns"]):
+    def __init__(self, on: Breaks, known: Bool[np.ndarray, "rows columns"]):
         self.on, self.known = on, known
         cell = np.arange(known.size).reshape(known.shape)
         self.cells: list[tuple[np.ndarray, np.ndarray]] = []
@@ -145,11 +145,11 @@ class Pairs:
         for axis in (0, 1):
             bend = np.moveaxis(np.asarray(bends[axis][0]), axis, 0)
             new = np.moveaxis(np.asarray(bends[axis][1]), axis, 0)
-            index, there = np.moveaxis(cell, axis, 0), np.moveaxis(known, axis, 0)
+            index, known_along = np.moveaxis(cell, axis, 0), np.moveaxis(known, axis, 0)
             # So many cells from the first on begin anew by a bend of that size, or by another label.
             passed = [np.cumsum((bend >= least) | new, axis=0) for least in BENDS_M]
             for lag in LAGS:
-                both = there[:-lag] & there[lag:]
+                both = known_along[:-lag] & known_along[lag:]
                 held = [(count[lag:] == count[:-lag])[both] for count in passed]
                 for chosen in (held[0], held[1] & ~held[0], ~held[1]):
                     self.cells.append((index[:-lag][both][chosen], index[lag:][both][chosen]))
@@ -169,7 +169,7 @@ class Pairs:
         return np.array([float(len(one)) for one, _ in self.cells])
 
 
-class Sums:
+class ProductSums:
     """Sums of products over frames, of what was measured and of draws of each candidate on the same cells."""
 
     def __init__(self) -> None:
@@ -178,30 +178,30 @@ class Sums:
         self.measured = np.zeros(1)
         self.drawn = np.zeros((len(CANDIDATES), bins))
 
-    def add(self, pairs: Pairs, measured: Float[np.ndarray, "n bins"], *, k: int) -> None:
+    def add(self, pairs: CellPairs, measured: Float[np.ndarray, "n bins"], *, k: int) -> None:
         """Adds those of frame k."""
         self.pairs = self.pairs + pairs.count
         self.measured = self.measured + measured
-        for draw in range(DRAWS):
+        for draw in range(DRAWS_OF_FIELD):
             keys = jax.random.split(jax.random.fold_in(jax.random.key(k), draw), len(CANDIDATES))
             fields = [np.asarray(drawn_of(field, pairs.on, key)) for field, key in zip(CANDIDATES, keys, strict=True)]
-            self.drawn = self.drawn + pairs.of(np.stack(fields)) / DRAWS
+            self.drawn = self.drawn + pairs.of(np.stack(fields)) / DRAWS_OF_FIELD
 
     def shares(self, correlation: Callable[[np.ndarray], np.ndarray]) -> tuple[Field, ...]:
         """The candidates with the shares that explain best how alike cells are."""
-        enough = self.pairs >= FEWEST
+        enough = self.pairs >= FEWEST_PAIRS
         if not enough.any():
-            raise ValueError(f"grain: fewer than {FEWEST} pairs of cells of any distance; learn from more frames")
+            raise ValueError(f"grain: fewer than {FEWEST_PAIRS} pairs of cells of any distance; learn from more frames")
         weight = np.sqrt(self.pairs[enough])
         seen = np.clip(correlation(self.measured[:, enough] / self.pairs[enough]), -1, 1)
         fields = (self.drawn[:, enough] / self.pairs[enough]).T
         # A cell is one with itself: the shares sum to 1, a condition of great weight.
         heavy = 1e3 * weight.sum()
         design = np.concatenate([fields * weight[:, None], np.full((1, len(CANDIDATES)), heavy)])
-        found, _ = nnls(design, np.append(seen * weight, heavy))
-        found = np.where(found < LEAST, 0, found)
-        found = np.round(found / found.sum(), 4)
-        shared = zip(CANDIDATES, found.tolist(), strict=True)
+        shares, _ = nnls(design, np.append(seen * weight, heavy))
+        shares = np.where(shares < LEAST_FIELD_SHARE, 0, shares)
+        shares = np.round(shares / shares.sum(), 4)
+        shared = zip(CANDIDATES, shares.tolist(), strict=True)
         return tuple(replace(field, share=share) for field, share in shared if share)
 
 

@@ -11,7 +11,7 @@ from jaxsim.data.polar_frames import open_polar_frames, write_frame, write_grid
 from jaxsim.geometry import incidence
 from jaxsim.simulate.frames import refuse_others
 
-ALBEDO = np.float32(0.3)
+REFLECTANCE = np.float32(0.3)
 """Of every surface, whatever its distance, and without gloss."""
 SLANT_COS = np.float32(0.5)
 """Where no neighbour tells how a surface lies: it is seen at a slant of 60 degrees."""
@@ -38,6 +38,6 @@ def write_lambert(measured: Path, out: Path) -> Path:
         # Shaded as at 60 degrees, yet told as a right angle: that stands for what cannot be told in training pairs,
         # too.
         angle = np.where(has_normal, angle, np.float32(np.pi / 2))
-        write_frame(simulated, name, replace(image, intensity=ALBEDO * shade), incidence=angle, **labels)
+        write_frame(simulated, name, replace(image, intensity=REFLECTANCE * shade), incidence=angle, **labels)
     write_grid(simulated, frames.grid, frames=frames.about)
     return simulated

@@ -25,13 +25,13 @@ from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid
 from jaxsim.geometry import directions, incidence, polar_to_points
 from jaxsim.prepare import check_view, crop_image, polar_window
 from jaxsim.runs.kinds import Run
-from jaxsim.simulate.predict import Generate, Window, check_image, simulate_frame, simulate_painted
+from jaxsim.simulate.predict import Generate, NetworkWindow, check_image, simulate_frame, simulate_painted
 
 OF_CAMERA = ("rgb", "surroundings")
 """Inputs that a camera alone knows."""
 CALLS = 5
 log = logging.getLogger(__name__)
-Raster = Float[Array, "*b rows columns"]
+_Raster = Float[Array, "*b rows columns"]
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,12 @@ class LiveRays:
 
     def __call__(
         self,
-        range_m: Raster,
+        range_m: _Raster,
         *,
         valid: Bool[Array, "*b rows columns"] | None = None,
         semantic: Int[Array, "*b rows columns"] | None = None,
         instance: Int[Array, "*b rows columns"] | None = None,
-        incidence_rad: Raster | None = None,
+        incidence_rad: _Raster | None = None,
     ) -> Cloud:
         """The cloud of rays that end `range_m` from their origins; where they end nowhere, `range_m` is not finite or
         <= 0, or `valid` says so. `semantic` holds Cityscapes ids; without `incidence_rad` it is told from the ranges.
@@ -145,7 +145,7 @@ def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generat
     return Live(call, view.rgb.shape[:-1], prepare.image_crop, check, latency)
 
 
-def attach_rays(run: Run, params: Any, window: Window, *, generate: Generate) -> LiveRays:
+def attach_rays(run: Run, params: Any, window: NetworkWindow, *, generate: Generate) -> LiveRays:
     """Compiles the sensor for a ray caster that casts its own rays; tells the latency.
 
     Raises ValueError where the run was trained on what only a camera knows.
@@ -186,7 +186,7 @@ def _times(shape: tuple[int, ...]) -> str:
 def _cloud_of_view(
     params: Any,
     view: CameraFrame,
-    window: Window,
+    window: NetworkWindow,
     *,
     generate: Generate,
     prepare: PrepareConfig,
@@ -198,8 +198,8 @@ def _cloud_of_view(
 
 def _cloud_of_rays(
     params: Any,
-    met: tuple[Painted, Raster | None],
-    window: Window,
+    met: tuple[Painted, _Raster | None],
+    window: NetworkWindow,
     *,
     generate: Generate,
     prepare: PrepareConfig,

@@ -27,8 +27,8 @@ from jaxsim.simulate.grain import Grain, Ranks, draw_ranks
 Generate = Callable[[Any, Array], Array]
 """(parameters, inputs (b, h, w, c)) -> image (b, h, w, 1) in [-1, 1]; or QUANTILES so, and the logit of a drop."""
 STEP = 0.01  # KITTI's sensor reports hundredths, 0.99 at most
-Rays = Float[Array, "*b rows columns"]
-Window = tuple[PolarGrid, Float[Array, " rows"]]
+_Cells = Float[Array, "*b rows columns"]
+NetworkWindow = tuple[PolarGrid, Float[Array, " rows"]]
 """A polar grid, and each beam's place in the sensor: 0 top, 1 bottom."""
 ASPECT = 0.02
 SIZE = 0.03
@@ -41,21 +41,21 @@ VIEW = 0.05
 class Prediction:
     """What a network says of each cell. Only one that gives a distribution has `quantiles` and `drop_share`."""
 
-    intensity: Rays
+    intensity: _Cells
     """0..0.99 in steps of 1/100, also of a cell that drops: what it would report, by the median."""
     drops: Bool[Array, "*b rows columns"]
     quantiles: Float[Array, "*b rows columns k"] | None = None
     """Those of QUANTILES of the intensity, 0..1, of a ray that comes back."""
-    drop_share: Rays | None = None
+    drop_share: _Cells | None = None
     """Probability that the ray is lost or reports 0."""
 
     @property
-    def reported(self) -> Rays:
+    def reported(self) -> _Cells:
         """Intensity 0..0.99; 0 is a ray that does not come back, and nothing else is."""
         return jnp.where(self.drops, 0.0, jnp.maximum(self.intensity, STEP))
 
 
-def drawn(says: Prediction, key: Array, ranks: Ranks | None = None) -> Rays:
+def drawn(says: Prediction, key: Array, ranks: Ranks | None = None) -> _Cells:
     """Intensity 0..0.99 of one draw from a network's distribution; 0 is a ray that does not come back.
 
     A ray drops with its own probability; else its intensity is the quantile of an even draw: linear between QUANTILES,
@@ -123,7 +123,7 @@ def predict_cells(
     params: Any,
     painted: Painted,
     *,
-    incidence_rad: Rays,
+    incidence_rad: _Cells,
     row_share: Float[Array, "... rows"],
     prepare: PrepareConfig,
 ) -> Prediction:
@@ -155,7 +155,7 @@ def predict_cells(
     return Prediction(_on_steps(quantiles[..., QUANTILES.index(0.5)]), share > 0.5, quantiles, share)
 
 
-def _on_steps(intensity: Rays) -> Rays:
+def _on_steps(intensity: _Cells) -> _Cells:
     return jnp.clip(jnp.round(intensity / STEP), 0, 99) * STEP
 
 
@@ -198,7 +198,7 @@ def simulate_painted(
     params: Any,
     painted: Painted,
     *,
-    incidence_rad: Rays,
+    incidence_rad: _Cells,
     row_share: Float[Array, " rows"],
     generate: Generate,
     prepare: PrepareConfig,
@@ -250,7 +250,7 @@ def simulate_unprojected(
     return _reported(painted, carried), painted
 
 
-def _reported(painted: Painted, intensity: Rays) -> PolarImage:
+def _reported(painted: Painted, intensity: _Cells) -> PolarImage:
     """Rays of intensity 0 do not come back; nor do those that a camera sees end beyond what any LiDAR sees."""
     return PolarImage(painted.range_m, intensity, painted.valid & (intensity > 0) & (painted.range_m <= FAR_M))
 

@@ -22,7 +22,7 @@ from jaxsim.simulate.embedded import is_embedded, read_embedded, shapes_of
 from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.live import Live, LiveRays, attach_camera, attach_rays, with_cameras
 from jaxsim.simulate.predict import (
-    Window,
+    NetworkWindow,
     camera_intensity,
     check_field_of_view,
     check_image,
@@ -62,7 +62,7 @@ class LearnedSensor:
         return len(self.window[0].elevation_rad)
 
     @cached_property
-    def window(self) -> Window:
+    def window(self) -> NetworkWindow:
         """The polar window of the camera that the run was trained with, and each beam's place in the sensor."""
         run = self.run
         return polar_window(run.camera, run.image_size, run.spec, config=run.experiment.prepare)
@@ -70,7 +70,7 @@ class LearnedSensor:
     def simulate_view(
         self,
         view: CameraFrame,
-        window: Window | None = None,
+        window: NetworkWindow | None = None,
         *,
         projection: Projection = "lidar",
         key: Array | None = None,
@@ -118,7 +118,7 @@ class LearnedSensor:
         """
         return attach_camera(self.run, self.params, view, generate=self.generate)
 
-    def attach_rays(self, window: Window | None = None) -> LiveRays:
+    def attach_rays(self, window: NetworkWindow | None = None) -> LiveRays:
         """The same from what a ray caster's rays meet: range, class, incidence, on a grid (default: `window`). It has
         the rays to cast.
 

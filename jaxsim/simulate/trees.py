@@ -126,7 +126,7 @@ class Todo(NamedTuple):
     """Time of the data set's first frame, which effects that drift count from; data sets count from 1970."""
 
 
-class Made(NamedTuple):
+class MadeFrame(NamedTuple):
     """What became of a frame."""
 
     position: int
@@ -141,19 +141,19 @@ class TreeMaker:
     plans: Sequence[TreePlan]
     dataset: Dataset
 
-    def __call__(self, todo: Todo) -> Made:
+    def __call__(self, todo: Todo) -> MadeFrame:
         frame = self.dataset[todo.position]
         if frame.time_s is not None:
             frame = replace(frame, time_s=frame.time_s - todo.first_s)
         write = partial(_write_frame, self.dataset, todo.position, frame=frame)
-        return Made(todo.position, {tree: write(self.plans[tree]) for tree in todo.trees})
+        return MadeFrame(todo.position, {tree: write(self.plans[tree]) for tree in todo.trees})
 
 
-Spread = Callable[[Sequence[Todo]], Iterator[Made]]
+SpreadFrames = Callable[[Sequence[Todo]], Iterator[MadeFrame]]
 
 
 def export_trees(
-    plans: Sequence[TreePlan], dataset: Dataset, *, workers: int = 2, spread: Spread | None = None
+    plans: Sequence[TreePlan], dataset: Dataset, *, workers: int = 2, spread: SpreadFrames | None = None
 ) -> None:
     """Writes trees that differ in how their clouds are made.
 
@@ -194,7 +194,7 @@ def export_trees(
         _finish(plan, record)
 
 
-def _in_threads(maker: TreeMaker, todo: Sequence[Todo], workers: int) -> Iterator[Made]:
+def _in_threads(maker: TreeMaker, todo: Sequence[Todo], workers: int) -> Iterator[MadeFrame]:
     """What became of each frame, made in threads: files and kernels leave Python's lock."""
     with ThreadPoolExecutor(workers) as pool:
         yield from prefetch(pool, maker, todo, ahead=workers)

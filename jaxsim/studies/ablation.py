@@ -27,7 +27,7 @@ from jaxsim.pairs.prepared import prepared
 from jaxsim.prepare import edge_map
 from jaxsim.report import save_picture
 from jaxsim.report.page import figure, image, join_parts, paragraph, section, table, whole_page
-from jaxsim.report.pictures import NOTHING, Raster, Rgb, beside, input_panels, intensity_panel, strip
+from jaxsim.report.pictures import NO_RETURN, Raster, Rgb, beside, input_panels, intensity_panel, strip
 from jaxsim.report.results import (
     Scores,
     list_facts,
@@ -52,7 +52,7 @@ MODALITIES: dict[str, tuple[InputName, ...]] = {
     "combined": ("rgb", "depth", "semantic", "edges"),
 }
 """The five networks of the paper, by the names of its table."""
-SMALL = ("mae", "rmse", "frechet")
+SMALLEST_BEST = ("mae", "rmse", "frechet")
 """Scores of which the smallest is best; of the others the largest."""
 PAPER_FID = {"rgb": 89.44, "semantic": 77.01, "edges": 102.61, "depth": 81.43, "combined": 73.81}
 """FID that the paper's first table gives, after 20 epochs on KITTI-STEP."""
@@ -230,7 +230,7 @@ def ablation_picture(painted: Painted, predicted: Mapping[str, Raster], measured
     """Left: the inputs, and what was measured, where something was. Right: every network's intensity."""
     valid = np.asarray(painted.valid)
     edges = np.asarray(edge_map(painted.semantic, painted.instance)) & valid
-    white = np.where(edges[..., None], np.uint8(235), NOTHING)
+    white = np.where(edges[..., None], np.uint8(235), NO_RETURN)
     inputs = [*input_panels(painted), ("edges", white)]
     if measured is not None:
         panel = intensity_panel(np.asarray(measured.intensity), np.asarray(measured.valid))
@@ -253,7 +253,7 @@ def best_networks(rows: Sequence[AblationRow]) -> dict[str, str]:
             values[row.name]["frechet"] = row.frechet.value
     best = {}
     for name in values[rows[0].name]:
-        column = {who: own[name] * (1 if name in SMALL else -1) for who, own in values.items()}
+        column = {who: by_run[name] * (1 if name in SMALLEST_BEST else -1) for who, by_run in values.items()}
         first = [who for who, value in column.items() if value == min(column.values())]
         best[name] = first[0] if len(first) == 1 else ""
     return best

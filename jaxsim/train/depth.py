@@ -40,7 +40,7 @@ from jaxsim.train.training import Batch, RunScores, Training, ahead, run_folder
 _log = logging.getLogger(__name__)
 
 THREADS = 4
-SHOWN = 4
+FRAMES_BETWEEN = 4
 """Validation frames that are scored between the stages' ends; all are at the end."""
 
 
@@ -126,11 +126,13 @@ def depth_training(experiment: DepthExperiment) -> Training:
             norms=stage.norms,
         )
 
-    def validate(values: PyTree, step: int, *, count: int = SHOWN) -> tuple[RunScores, UInt8[np.ndarray, "h w 3"]]:
+    def validate(
+        values: PyTree, step: int, *, count: int = FRAMES_BETWEEN
+    ) -> tuple[RunScores, UInt8[np.ndarray, "h w 3"]]:
         """KITTI's scores of the first validation frames, and a picture of the very first."""
         part, count = config.stages[number_of(step - 1)].part, min(count, len(validation))
         errors, picture = [], np.zeros((1, 1, 3), np.uint8)
-        for i in Progress(range(count), desc="validation", unit="image", leave=False, disable=count <= SHOWN):
+        for i in Progress(range(count), desc="validation", unit="image", leave=False, disable=count <= FRAMES_BETWEEN):
             frame = validation[i]
             batch = jax.tree.map(lambda x: np.asarray(x)[None], frame)
             guess = np.asarray(predict(values, batch, config=config, part=part))[0]

@@ -33,20 +33,20 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
     for folder, run in zip(folders, runs, strict=True):
         _check(folder, run, folders[0], first=runs[0])
     checkpoints = [Checkpoints(folder) for folder in folders]
-    steps = {str(folder): kept.latest for folder, kept in zip(folders, checkpoints, strict=True)}
+    steps = {str(folder): saved.latest for folder, saved in zip(folders, checkpoints, strict=True)}
     if len(set(steps.values())) > 1:
         told = ", ".join(f"{folder} {step or 'none'}" for folder, step in steps.items())
         raise ValueError(f"join: the runs are at different steps ({told}); train them all to the same one")
     joined = _joined(runs[0], len(runs), out)
     channels = input_channels(joined.experiment.prepare)
     alone = state_shapes(runs[0].experiment, channels)
-    states = [kept.restore("state", alone) for kept in checkpoints]
+    states = [saved.restore("state", alone) for saved in checkpoints]
     state = _of_members(states, like=state_shapes(joined.experiment, channels))
 
     start_run(out, joined)
-    step, kept = int(state.step), Checkpoints(out)
-    if step not in kept.steps:
-        kept.save(step, state=state, generator=state.ema)
+    step, saved = int(state.step), Checkpoints(out)
+    if step not in saved.steps:
+        saved.save(step, state=state, generator=state.ema)
     write_text(out / "card.md", _card(joined, folders, step))
     return joined
 

@@ -5,7 +5,7 @@ import pytest
 
 from jaxsim.cli import main
 from jaxsim.cli.convert import CONVERTERS
-from jaxsim.pix2pix.losses import BLOCKS, load_vgg
+from jaxsim.pix2pix.losses import VGG_BLOCKS, load_vgg
 from jaxsim.prepare.depth import penet
 from jaxsim.prepare.depth.penet import open_penet
 from jaxsim.prepare.depth.penet.published import STEM, published_shapes
@@ -15,7 +15,7 @@ from jaxsim.prepare.depth.penet.published import STEM, published_shapes
 def vgg(tmp_path):
     """torchvision's names; values that tell the places apart."""
     arrays, channels = {"classifier.6.bias": np.zeros(1000, np.float32)}, 3
-    for block, places in enumerate(BLOCKS):
+    for block, places in enumerate(VGG_BLOCKS):
         width = min(64 * 2**block, 512)
         for place in places:
             arrays[f"features.{place}.weight"] = np.full((width, channels, 3, 3), place, np.float32)

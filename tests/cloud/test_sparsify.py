@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cloud.pseudo_lidar import depth_to_cloud
-from jaxsim.cloud.sparsify import LINES, EvenLines, crop_cloud, sparsify
+from jaxsim.cloud.sparsify import PATTERNS, EvenLines, crop_cloud, sparsify
 from jaxsim.data.kitti_files import object_rect_from_velo
 from jaxsim.frame import Cloud, PolarGrid
 from jaxsim.geometry import PRESETS, preset, window_grid
@@ -47,7 +47,7 @@ def test_winners_are_those_of_the_published_program(golden, samples, source, cas
         xyz = np.fromfile(samples / "kitti_object/training/velodyne/000001.bin", np.float32).reshape(-1, 4)[:, :3]
     else:
         xyz = pseudo_points(golden, samples)
-    lines, beams = LINES[name]
+    lines, beams = PATTERNS[name]
     ours = winners(sparsify(crop_cloud(cloud_of(xyz)), lines, beams=beams, winner="last", clamp=True))
     theirs = vectors[f"sparse_{source}_{case}"]
     # Angles in float32: a point on the border of two cells may fall into either. A point that moves changes up to two.
@@ -131,7 +131,7 @@ def test_beams_are_rows_of_all_lines_and_two_readings_of_32_differ():
     assert sorted(set(np.asarray(some.row)[np.asarray(some.valid)].tolist())) == [5, 17, 40]
     picked = np.isin(np.asarray(whole.row), (5, 17, 40)) & np.asarray(whole.valid)
     assert winners(some).tolist() == np.asarray(whole.intensity)[picked].astype(int).tolist()
-    half, wide = (winners(sparsify(cloud, LINES[n][0], beams=LINES[n][1])) for n in ("32_of_64", "32_wide"))
+    half, wide = (winners(sparsify(cloud, PATTERNS[n][0], beams=PATTERNS[n][1])) for n in ("32_of_64", "32_wide"))
     assert len(half) < len(wide)
 
 

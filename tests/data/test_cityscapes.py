@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from jaxsim.data.cityscapes import IDS, TRAIN_CLASSES, ids_of_train_ids
+from jaxsim.data.cityscapes import IDS, NAMES, TRAIN_CLASSES, ids_of_train_ids
+from jaxsim.frame import CLASSES
 
 
 def test_train_ids_are_those_of_the_published_table():
@@ -11,4 +12,4 @@ def test_train_ids_are_those_of_the_published_table():
     raster = np.array([list(published)], np.uint8)
     np.testing.assert_array_equal(ids_of_train_ids(raster)[0], list(published.values()))
     assert len(TRAIN_CLASSES) == 19
-    assert len(set(IDS.values())) == len(IDS) == 34
+    assert len(set(IDS.values())) == len(IDS) == len(NAMES) == CLASSES

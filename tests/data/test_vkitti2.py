@@ -10,7 +10,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.vkitti2 import VirtualKitti2
-from jaxsim.data.vkitti2_files import CLASSES, COLOURS, KINDS
+from jaxsim.data.vkitti2_files import CITYSCAPES_OF, COLOURS, OBJECT_KINDS
 from jaxsim.geometry import preset, unproject
 from jaxsim.prepare import dense_view, prepare_frame
 from tests.data.virtual_drives import BASELINE_M, K
@@ -54,7 +54,7 @@ def test_the_generated_images_have_the_published_format(virtual):
         assert {tuple(c) for c in np.unique(colours.reshape(-1, 3), axis=0).tolist()} <= set(COLOURS.values())
         instances = Image.open(frames / f"instanceSegmentation/Camera_{camera}/instancegt_00000.png")
         assert instances.mode == "P"
-        vehicle = (colours[..., None, :] == [COLOURS[kind] for kind in KINDS]).all(axis=-1).any(axis=-1)
+        vehicle = (colours[..., None, :] == [COLOURS[kind] for kind in OBJECT_KINDS]).all(axis=-1).any(axis=-1)
         np.testing.assert_array_equal(np.asarray(instances) > 0, vehicle)
         assert (frames / f"rgb/Camera_{camera}/rgb_00000.jpg").read_bytes().startswith(b"\xff\xd8\xff")  # JPEG
 
@@ -101,7 +101,7 @@ def test_frames_are_what_was_rendered(virtual, camera):
     np.testing.assert_array_equal(view.depth_valid[near], True)
     assert not view.depth_valid[~shot.valid | (shot.depth_m > 120.1)].any()
     np.testing.assert_allclose(view.depth_m[near], shot.depth_m[near], atol=0.0051)
-    names = np.array([IDS[CLASSES[name]] for name in COLOURS])
+    names = np.array([IDS[CITYSCAPES_OF[name]] for name in COLOURS])
     np.testing.assert_array_equal(view.semantic, names[shot.classes])
     np.testing.assert_array_equal(view.instance, shot.tracks)
     assert np.abs(view.rgb.astype(int) - shot.rgb).mean() < 4  # JPEG
@@ -137,7 +137,7 @@ def test_boxes_are_of_vehicles_that_are_seen_and_never_wholly_visible(dataset, v
     assert len(seen) < len(dataset.objects(0))
     assert boxes.kind == tuple(thing.kind for thing in seen)
     assert set(boxes.occluded.tolist()) <= {1, 2, 3}
-    assert set(boxes.kind) <= set(KINDS)
+    assert set(boxes.kind) <= set(OBJECT_KINDS)
     for thing, (left, top, right, bottom) in zip(seen, boxes.bbox_px.astype(int), strict=True):
         v, u = np.nonzero(shot.tracks == thing.track + 1)
         assert (u.min(), v.min(), u.max(), v.max()) == (left, top, right, bottom)

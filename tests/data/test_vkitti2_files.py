@@ -6,16 +6,16 @@ from PIL import Image
 
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.vkitti2 import LENGTHS, VARIATIONS
-from jaxsim.data.vkitti2_files import CLASSES, COLOURS, boxes_of, read_indexed, read_objects
+from jaxsim.data.vkitti2_files import CITYSCAPES_OF, COLOURS, boxes_of, read_indexed, read_objects
 from tests.data.virtual_drives import CLASS_OF
 
 
 def test_the_published_facts():
     assert sum(LENGTHS.values()) == 2126
     assert len(VARIATIONS) == 10
-    assert set(COLOURS) == set(CLASSES)
+    assert set(COLOURS) == set(CITYSCAPES_OF)
     assert len(set(COLOURS.values())) == 15
-    assert set(CLASSES.values()) <= set(IDS)
+    assert set(CITYSCAPES_OF.values()) <= set(IDS)
 
 
 def test_published_rows_are_read_as_they_mean(virtual_root):

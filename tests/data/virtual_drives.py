@@ -15,7 +15,7 @@ from PIL import Image
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.synthetic import SyntheticWorld, kitti_camera
 from jaxsim.data.synthetic.render import photograph
-from jaxsim.data.vkitti2_files import COLOURS, COLUMNS, KINDS
+from jaxsim.data.vkitti2_files import COLOURS, HEADERS, OBJECT_KINDS
 from jaxsim.frame import Camera
 
 K = np.array([[725.0087, 0, 620.5], [0, 725.0087, 187], [0, 0, 1]], np.float32)
@@ -65,7 +65,7 @@ def render(world: SyntheticWorld, index: int, number: int) -> Rendered:
     world.camera = camera_of(number)
     moment = world._moment(index)
     view = world._view(moment)
-    vehicles = [i for i, thing in enumerate(moment.drive.things) if thing.kind in KINDS]
+    vehicles = [i for i, thing in enumerate(moment.drive.things) if thing.kind in OBJECT_KINDS]
     track = np.zeros(len(moment.drive.things) + 1, np.int64)
     track[np.array(vehicles, int) + 1] = np.arange(1, len(vehicles) + 1)
     tracks = track[view.instance]
@@ -90,7 +90,7 @@ def render(world: SyntheticWorld, index: int, number: int) -> Rendered:
 def write_vkitti2(root: Path, scene: str, variation: str, world: SyntheticWorld, shots: list[tuple[int, int, int]]):
     """One variation of a scene; `shots` are (frame number in the set, frame of the world, camera). Gives them drawn."""
     folder = root / scene / variation
-    lines: dict[str, list[str]] = {name: [header] for name, header in COLUMNS.items()}
+    lines: dict[str, list[str]] = {name: [header] for name, header in HEADERS.items()}
     lines["colors"] += [f"{name} {r} {g} {b}" for name, (r, g, b) in COLOURS.items()]
     drawn = {}
     for number, index, camera in shots:
@@ -102,7 +102,7 @@ def write_vkitti2(root: Path, scene: str, variation: str, world: SyntheticWorld,
             lines["bbox"].append(f"{number} {camera} {box}")
             lines["pose"].append(f"{number} {camera} {pose}")
     things = world._moment(shots[0][1]).drive.things
-    vehicles = [thing.kind for thing in things if thing.kind in KINDS]
+    vehicles = [thing.kind for thing in things if thing.kind in OBJECT_KINDS]
     lines["info"] += [f"{track} {kind} Model{track} Grey" for track, kind in enumerate(vehicles)]
     for name, text in lines.items():
         (folder / f"{name}.txt").write_text("\n".join(text) + "\n")
@@ -129,7 +129,7 @@ def _objects(world: SyntheticWorld, index: int, shot: Rendered) -> list[tuple[st
     """The rows of bbox.txt and pose.txt, without frame and camera, of every vehicle in the frustum."""
     moment, later = world._moment(index), world._moment(index + 1)
     rows = []
-    vehicles = [i for i, thing in enumerate(moment.drive.things) if thing.kind in KINDS]
+    vehicles = [i for i, thing in enumerate(moment.drive.things) if thing.kind in OBJECT_KINDS]
     for track, i in enumerate(vehicles):
         (length, width, height), at = moment.drive.things[i].size_m, _WORLD @ moment.position_m[i]
         heading = float(moment.heading_rad[i])

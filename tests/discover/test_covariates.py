@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.covariates import COLUMNS, CURVES, fixed_basis
+from jaxsim.discover.covariates import BASIS_COLUMNS, CURVES, fixed_basis
 from jaxsim.effects import all_rays
 from tests.effects.streets import clutter_of_everything
 
@@ -17,27 +17,27 @@ def rays():
     scan = clutter_of_everything()
     rays = jax.jit(all_rays)(scan)
     hit = np.asarray(rays.hit)
-    basis = np.zeros((*hit.shape, COLUMNS), np.float32)
+    basis = np.zeros((*hit.shape, BASIS_COLUMNS), np.float32)
     basis[hit] = fixed_basis(np.asarray(rays.range_m)[hit].astype(np.float64), "range")
     return replace(rays, basis=jnp.asarray(basis))
 
 
 def heights(value):
-    return {"height": jnp.full(COLUMNS, value, jnp.float32)}
+    return {"height": jnp.full(BASIS_COLUMNS, value, jnp.float32)}
 
 
 @pytest.mark.parametrize("covariate", ["range", "row", "frame"])
 def test_a_basis_has_one_shape_and_sums_to_one(covariate):
     x = {"range": np.linspace(0.5, 4, 500), "row": np.arange(500.0) % 64, "frame": np.arange(500.0) % 6}[covariate]
     basis = fixed_basis(x, covariate)
-    assert basis.shape == (500, COLUMNS)
+    assert basis.shape == (500, BASIS_COLUMNS)
     np.testing.assert_allclose(basis.sum(1), 1, atol=1e-6)
 
 
 def test_more_rows_than_columns_share_them_in_order():
     index = fixed_basis(np.arange(64.0), "row").argmax(1)
     assert (np.diff(index) >= 0).all()
-    assert set(index) == set(range(COLUMNS))
+    assert set(index) == set(range(BASIS_COLUMNS))
 
 
 @pytest.mark.parametrize("channel", CURVES)

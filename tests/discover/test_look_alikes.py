@@ -16,7 +16,7 @@ from jaxsim.effects import EFFECTS, Effect, Parameter, all_rays, get_effect
 from jaxsim.effects.check import small_street
 from jaxsim.effects.edits import brighten
 from jaxsim.effects.origin import Origin
-from jaxsim.effects.own import own_effect, register
+from jaxsim.effects.own import own_effect, register_effect
 from tests.discover.toy import device, toy
 from tests.effects.own import forgetful  # noqa: F401  (a fixture)
 from tests.report import results
@@ -54,7 +54,7 @@ def street():
 
 
 def test_an_own_effect_that_is_hidden_in_a_toy_case_is_named(tmp_path):
-    register(lobes_effect())
+    register_effect(lobes_effect())
     frames = np.arange(9)  # as many as of `judged_toy`, whose programs are compiled for many files
     scan, measured = toy(len(frames))
     lit = measured.intensity * np.exp(AMOUNT * np.cos(3 * scan.grid.azimuth_rad)).astype(np.float32)

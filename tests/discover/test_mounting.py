@@ -9,9 +9,9 @@ import pytest
 from jaxsim.discover import mounting
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.mounting import LIFTED, gains, named_mounting, place_mounting, refine_lift, registered_of
+from jaxsim.discover.mounting import LIFT_OF_ALL, gains, named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.read import NOTHING_YET, Comparison
-from jaxsim.discover.register.registration import LIFT, PARTS
+from jaxsim.discover.register.registration import LIFT, MOTION_PARTS
 from jaxsim.discover.scenes import split_scenes
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS, all_rays
@@ -40,7 +40,7 @@ def off_m(one: Comparison) -> float:
 
 
 def test_a_turned_sensor_is_named_with_its_interval_and_its_frames_are_brought_there():
-    one = place_mounting(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
+    one = place_mounting(comparison([0, 0, 0, 0, 0.0087, 0]), MOTION_PARTS)
     assert one.effects == ("extrinsic_rotation",)
     assert off_m(one.comparison) < 0.02
     (turn,), unsure = named_mounting(one, split_scenes(NAMES), rows=24)
@@ -58,7 +58,7 @@ def test_a_turned_sensor_is_named_with_its_interval_and_its_frames_are_brought_t
 
 
 def test_beams_that_all_point_higher_are_named_for_each_beam():
-    one = place_mounting(comparison(np.zeros(6), lift=0.0087), PARTS)
+    one = place_mounting(comparison(np.zeros(6), lift=0.0087), MOTION_PARTS)
     assert one.effects == ("beam_elevation_error",)
     assert off_m(one.comparison) < 0.02
     (lift,), _ = named_mounting(one, split_scenes(NAMES), rows=24)
@@ -73,7 +73,7 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
     given = comparison(np.zeros(6), lift=0.0087)
     coarse = replace(given.registration, motion=given.registration.motion + np.eye(8)[LIFT] * 3e-4)
     given = replace(given, registration=coarse)
-    one = place_mounting(given, PARTS)
+    one = place_mounting(given, MOTION_PARTS)
     asked = []
 
     def fit(law, null, fitted):
@@ -90,14 +90,14 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
     assert finer.comparison.told is not None
     # Steps to the sides are where they were.
     assert not finer.comparison.between_unknown
-    turned = place_mounting(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
+    turned = place_mounting(comparison([0, 0, 0, 0, 0.0087, 0]), MOTION_PARTS)
     assert refine_lift(given, turned, null, known=NOTHING_YET) is turned
 
 
 def test_all_beams_are_lifted_alike():
     scan = comparison(np.zeros(6)).scan
     rays = all_rays(scan)
-    one = LIFTED.apply({"error_rad": np.float32(0.002)}, rays)
+    one = LIFT_OF_ALL.apply({"error_rad": np.float32(0.002)}, rays)
     beams = EFFECTS["beam_elevation_error"].apply({"error_rad": np.full(24, 0.002, np.float32)}, rays)
     np.testing.assert_allclose(one.turned_rad, beams.turned_rad, atol=1e-9)
 
@@ -127,7 +127,7 @@ def test_a_known_turn_of_a_part_of_the_recording_is_no_mounting():
 
 def test_a_sensor_in_its_place_changes_nothing():
     given = comparison(np.zeros(6))
-    one = place_mounting(given, PARTS)
+    one = place_mounting(given, MOTION_PARTS)
     assert one.comparison is given
     assert named_mounting(one, split_scenes(NAMES), rows=24) == ((), ())
     assert registered_of(replace(given, registration=None)) is None
@@ -136,7 +136,7 @@ def test_a_sensor_in_its_place_changes_nothing():
 def test_frames_of_other_moments_are_each_brought_to_their_place():
     poses = np.zeros((12, 6))
     poses[:, 0] = np.linspace(0, 4, 12)
-    one = place_mounting(comparison(poses), PARTS)
+    one = place_mounting(comparison(poses), MOTION_PARTS)
     assert one.effects == ()
     assert off_m(one.comparison) < 0.03
     told = registered_of(one.comparison)
@@ -149,7 +149,7 @@ def test_scenes_are_priced_by_what_the_others_say():
     poses[:, 0] = 0.1
     poses[0, 0] = -0.1
     parts = split_scenes(NAMES)
-    find, judge = gains(poses, PARTS["extrinsic_translation"], scenes=NAMES, parts=parts)
+    find, judge = gains(poses, MOTION_PARTS["extrinsic_translation"], scenes=NAMES, parts=parts)
     nats = 0.5 * (0.1 / POSE_SD[0]) ** 2
     expected = [-3 * nats if name == "s0" else nats for name in (*parts.find, *parts.judge)]
     np.testing.assert_allclose([*find, *judge], expected, rtol=1e-6)
@@ -157,5 +157,5 @@ def test_scenes_are_priced_by_what_the_others_say():
 
 def test_frames_of_one_drive_find_and_judge_in_turn():
     poses = np.full((9, 8), 0.1)
-    find, judge = gains(poses, PARTS["extrinsic_rotation"], scenes=["drive"] * 9, parts=split_scenes(NAMES))
+    find, judge = gains(poses, MOTION_PARTS["extrinsic_rotation"], scenes=["drive"] * 9, parts=split_scenes(NAMES))
     assert (len(find), len(judge)) == (6, 3)

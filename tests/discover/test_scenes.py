@@ -5,6 +5,7 @@ import pytest
 
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import (
+    attainable,
     best_of_gains,
     chance_of_best,
     clipped,
@@ -60,6 +61,12 @@ def test_the_fewest_scenes_are_those_with_which_naming_can_pass_its_test():
 def test_sign_flips_give_the_exact_probability_of_agreeing_scenes():
     assert p_value(np.ones(10)) == pytest.approx(1 / 1024)
     assert p_value(np.zeros(10)) == 1
+
+
+def test_of_few_scenes_the_level_is_what_their_perfect_agreement_reaches():
+    assert p_value(np.ones(3)) > RULES.repeats_judge_level
+    assert p_value(np.ones(3)) <= attainable(RULES.repeats_judge_level, 3) < p_value(np.array([1, 1, 1e-3, -1e-3]))
+    assert attainable(RULES.repeats_judge_level, 10) == RULES.repeats_judge_level
 
 
 def test_a_covariate_on_which_one_scene_goes_wild_does_not_hide_one_on_which_all_agree():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.discover.watch import SECTORS, changes, measure_names, measures, watch_days
+from jaxsim.discover.watch import PARTS_OF_TURN, changes, measure_names, measures, watch_days
 from tests.discover.made_watch import GRID, day, drives, dying_beam
 
 ROWS, COLUMNS, SCENES = 8, 96, 10
@@ -14,7 +14,7 @@ def table(seed):
 
 
 def dirty_window(intensity, valid):
-    width = COLUMNS // SECTORS
+    width = COLUMNS // PARTS_OF_TURN
     intensity[:, 5 * width : 6 * width] *= 0.75
     valid[:, 5 * width : 6 * width] &= np.random.default_rng(9).random((ROWS, width)) < 0.6
     return intensity, valid

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.effects import CHANNELS, COVARIATES, EFFECTS, STAGES, all_rays, get_effect
+from jaxsim.effects import CHANNELS, COVARIATE_NAMES, EFFECTS, STAGES, all_rays, get_effect
 from jaxsim.effects.chain import apply_law
 from tests.effects.streets import clutter_of_everything, fields_of
 from tests.quick import quick_jit
@@ -114,7 +114,7 @@ def test_its_row_of_the_catalogue_is_whole(name):
     assert effect.name == name
     assert effect.stage in STAGES
     assert set(effect.channels) <= set(CHANNELS)
-    assert set(effect.covariates) <= set(COVARIATES)
+    assert set(effect.covariates) <= set(COVARIATE_NAMES)
     assert set(effect.look_alikes) <= set(EFFECTS) - {name}
     for key, p in effect.parameters.items():
         assert p.low <= p.neutral <= p.high, key

@@ -8,7 +8,7 @@ from beartype.roar import BeartypeCallHintParamViolation
 from jaxtyping import TypeCheckError
 
 from jaxsim.effects import all_rays
-from jaxsim.effects.places import neighbours_m, on_turn, rays_at, spans_turn
+from jaxsim.effects.places import longest_run, neighbours_m, on_turn, rays_at, spans_turn, within_turn
 from tests.effects.streets import grid_of, road_and_walls
 
 
@@ -21,6 +21,19 @@ def test_columns_past_the_border_are_those_of_the_other_side_or_the_border_itsel
     column = jnp.arange(-2, 6, dtype=jnp.int32)
     assert on_turn(column, 4, jnp.array(True)).tolist() == [2, 3, 0, 1, 2, 3, 0, 1]
     assert on_turn(column, 4, jnp.array(False)).tolist() == [0, 0, 0, 1, 2, 3, 3, 3]
+
+
+def test_a_run_goes_on_past_the_seam_of_a_closed_ring_alone():
+    flags = np.array([1, 1, 0, 1, 0, 1, 1, 1], bool)
+    assert longest_run(flags, closed=True).tolist() == [5, 6, 7, 8, 9]
+    assert longest_run(flags, closed=False).tolist() == [5, 6, 7]
+    assert longest_run(np.ones(3, bool), closed=True).tolist() == [0, 1, 2]
+
+
+def test_azimuths_lie_within_half_a_turn_to_each_side():
+    assert within_turn(1.5 * np.pi) == pytest.approx(-0.5 * np.pi)
+    assert within_turn(-1.5 * np.pi) == pytest.approx(0.5 * np.pi)
+    assert within_turn(0.3) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("turn_rad", [2 * np.pi, np.pi])

@@ -31,7 +31,7 @@ from jaxsim.data.sweeps import read_lidar_top, read_pcap
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import (
     COLOURS,
-    COLUMNS,
+    HEADERS,
     read_classes,
     read_colours,
     read_depth,
@@ -123,9 +123,9 @@ def _depth_frames(root: Path) -> None:
 
 def _virtual_texts(root: Path) -> None:
     """info.txt, bbox.txt and pose.txt of two vehicles in two frames."""
-    info = [COLUMNS["info"], "0 Car Acura Red", "1 Van Ford Blue"]
-    boxes = [COLUMNS["bbox"]] + [f"{f} 0 {t} 100 200 80 160 4000 0.0 0.7 True" for f in (0, 1) for t in (0, 1)]
-    pose = [COLUMNS["pose"]]
+    info = [HEADERS["info"], "0 Car Acura Red", "1 Van Ford Blue"]
+    boxes = [HEADERS["bbox"]] + [f"{f} 0 {t} 100 200 80 160 4000 0.0 0.7 True" for f in (0, 1) for t in (0, 1)]
+    pose = [HEADERS["pose"]]
     pose += [f"{f} 0 {t} -1.5 1.8 1.5 4.2 10 1 20 0.1 0 0 -3.2 1.7 15.5 -1.55 0 0" for f in (0, 1) for t in (0, 1)]
     for name, lines in (("info", info), ("bbox", boxes), ("pose", pose)):
         one(f"{name}.txt", "\n".join(lines) + "\n")(root)
@@ -136,9 +136,9 @@ def _virtual_frame(root: Path) -> None:
     drive = root / "Scene01" / "clone"
     (drive / "frames").mkdir(parents=True)
     _virtual_texts(drive)
-    one("colors.txt", f"{COLUMNS['colors']}\nCar 255 127 80\nRoad 100 60 100\n")(drive)
-    one("intrinsic.txt", f"{COLUMNS['intrinsic']}\n0 0 23.36 23.36 20 6\n")(drive)
-    one("extrinsic.txt", f"{COLUMNS['extrinsic']}\n0 0 1 0 0 3.5 0 1 0 -2 0 0 1 9 0 0 0 1\n")(drive)
+    one("colors.txt", f"{HEADERS['colors']}\nCar 255 127 80\nRoad 100 60 100\n")(drive)
+    one("intrinsic.txt", f"{HEADERS['intrinsic']}\n0 0 23.36 23.36 20 6\n")(drive)
+    one("extrinsic.txt", f"{HEADERS['extrinsic']}\n0 0 1 0 0 3.5 0 1 0 -2 0 0 1 9 0 0 0 1\n")(drive)
     for kind, name, data in (
         ("rgb", "rgb_00000.jpg", cv2.imencode(".jpg", _RGB)[1].tobytes()),
         ("depth", "depth_00000.png", _png(_rng.integers(200, 60000, (12, 40)).astype(np.uint16))),
@@ -219,7 +219,7 @@ RECORDINGS: dict[str, Reader] = {
     ),
     "vkitti2 instances": Reader(one("i.png", _indexed()), lambda f: read_instances(f / "i.png")),
     "vkitti2 colours": Reader(
-        one("colors.txt", f"{COLUMNS['colors']}\nCar 255 127 80\nRoad 100 60 100\n"),
+        one("colors.txt", f"{HEADERS['colors']}\nCar 255 127 80\nRoad 100 60 100\n"),
         lambda f: read_colours(f / "colors.txt"),
         largest=255,
     ),
@@ -235,7 +235,7 @@ RECORDINGS: dict[str, Reader] = {
         within={**_CLOUD, **_NEAR, **_LABEL},
     ),
     "vkitti2 extrinsics": Reader(
-        one("e.txt", f"{COLUMNS['extrinsic']}\n0 0 1 0 0 3.5 0 1 0 -2 0 0 1 9 0 0 0 1\n"),
+        one("e.txt", f"{HEADERS['extrinsic']}\n0 0 1 0 0 3.5 0 1 0 -2 0 0 1 9 0 0 0 1\n"),
         lambda f: read_extrinsics(f / "e.txt"),
         largest=1e5,
     ),

@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, OVERLAP_SETS, evaluate, read_detections, read_truth
+from jaxsim.metrics.detection import DIFFICULTIES, OVERLAP_SETS, SCORED, evaluate, read_detections, read_truth
 from jaxsim.metrics.detection.files import frames_with_results
 
 
@@ -27,7 +27,7 @@ def test_precisions_are_those_of_both_tools(golden, tmp_path, case, rules):
     assert len(curves) == 3 * 3 * 2 * 4
     for curve in curves:
         place = (
-            list(CLASSES).index(curve.kind),
+            list(SCORED).index(curve.kind),
             list(DIFFICULTIES).index(curve.difficulty),
             list(OVERLAP_SETS).index(curve.overlap_set),
         )

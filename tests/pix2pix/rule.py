@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.pix2pix.losses import BLOCKS
+from jaxsim.pix2pix.losses import VGG_BLOCKS
 
 
 def draw(shapes: dict[str, tuple[int, ...]], seed: int) -> dict[str, np.ndarray]:
@@ -19,7 +19,7 @@ def draw(shapes: dict[str, tuple[int, ...]], seed: int) -> dict[str, np.ndarray]
 def draw_vgg(seed: int) -> dict[str, np.ndarray]:
     """VGG-19's first thirteen convolutions, in torchvision's names and layouts."""
     shapes, channels = {}, 3
-    for block, places in enumerate(BLOCKS):
+    for block, places in enumerate(VGG_BLOCKS):
         width = min(64 * 2**block, 512)
         for place in places:
             shapes[f"features.{place}.weight"] = (width, channels, 3, 3)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jaxsim.frame import Painted
-from jaxsim.prepare import CHANNELS, edge_map, input_channels, network_inputs
+from jaxsim.prepare import INPUT_CHANNELS, edge_map, input_channels, network_inputs
 from jaxsim.prepare.channels import ROW_OCTAVES
 from tests.prepare.made_config import SHAPE, config
 
@@ -127,7 +127,7 @@ def test_one_hot_equals_the_published_program(golden):
 
 
 def test_channel_counts_and_unknown_names():
-    assert {name: input_channels(config(name)) for name in CHANNELS} == {**CHANNELS, "semantic": 34}
+    assert {name: input_channels(config(name)) for name in INPUT_CHANNELS} == {**INPUT_CHANNELS, "semantic": 34}
     assert input_channels(config("rgb", "depth", "semantic", "edges")) == 39  # the paper's
     with pytest.raises(ValueError, match="must be one of rgb, depth, semantic"):
         config("rgb", "speed")

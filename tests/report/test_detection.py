@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
+from jaxsim.metrics.detection import DIFFICULTIES, OVERLAP_SETS, PRINTED_COLUMNS, Curve
 from jaxsim.report import detection_table, mean_table, write_detection
 
 METRICS = ("3d", "bev", "bbox", "aos")
@@ -40,7 +40,7 @@ def test_a_row_a_difficulty_and_a_dash_where_nothing_counts():
 
 
 def test_means_stand_beside_their_spread():
-    metric, overlap_set = COLUMNS[0]
+    metric, overlap_set = PRINTED_COLUMNS[0]
     means = {(metric, overlap_set, name): (50.0, 2.5) for name in DIFFICULTIES}
     (row,) = mean_table(means).splitlines()[2:]
     assert row.count("50.00 (2.50)") == len(DIFFICULTIES)
@@ -48,7 +48,7 @@ def test_means_stand_beside_their_spread():
 
 def test_files_hold_every_curve_and_json_has_no_nan(tmp_path):
     curves = all_curves(reached=10)
-    metric, overlap_set = COLUMNS[0]
+    metric, overlap_set = PRINTED_COLUMNS[0]
     means = {(metric, overlap_set, name): (math.nan, math.nan) for name in DIFFICULTIES}
     write_detection(tmp_path, curves, about={"frames": 3}, mean=("the mean of none", means))
     text = (tmp_path / "detection.json").read_text()

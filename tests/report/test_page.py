@@ -3,7 +3,7 @@
 import pytest
 from markupsafe import Markup
 
-from jaxsim.report.page import NOTHING, bar_cell, file_name, join_parts, paragraph, table, whole_page
+from jaxsim.report.page import EMPTY, bar_cell, file_name, join_parts, paragraph, table, whole_page
 
 
 def test_words_are_escaped_and_markup_is_not():
@@ -21,7 +21,7 @@ def test_a_row_of_another_length_is_refused():
 
 
 def test_a_page_loads_nothing_from_elsewhere():
-    page = whole_page(title="t", sentence="s", facts=[("frames", "3")], sections=[paragraph("one"), NOTHING])
+    page = whole_page(title="t", sentence="s", facts=[("frames", "3")], sections=[paragraph("one"), EMPTY])
     assert "http" not in page
     assert "<dt>frames</dt><dd>3</dd>" in page
 

@@ -7,7 +7,7 @@ import pytest
 from jaxsim.frame import Painted, Pair, PolarImage
 from jaxsim.report import pair_picture, simulated_picture
 from jaxsim.report.pictures import (
-    NOTHING,
+    NO_RETURN,
     beside,
     colour_classes,
     colour_scalar,
@@ -22,7 +22,7 @@ from jaxsim.report.pictures import (
 def test_cells_without_a_value_are_grey_and_the_others_follow_the_scale():
     value = np.array([[0.0, 1.0, 0.5]])
     rgb = colour_scalar(value, np.array([[True, True, False]]), low=0, high=1)
-    assert rgb[0, 2].tolist() == NOTHING.tolist()
+    assert rgb[0, 2].tolist() == NO_RETURN.tolist()
     assert rgb[0, 0].tolist() != rgb[0, 1].tolist()
 
 
@@ -73,8 +73,8 @@ def test_cells_without_a_return_are_grey():
     valid = np.ones(SHAPE, bool)
     valid[0] = False
     panel = intensity_panel(intensity, valid)
-    assert (panel[0] == NOTHING).all()
-    assert not (panel[1] == NOTHING).all(axis=-1).any()
+    assert (panel[0] == NO_RETURN).all()
+    assert not (panel[1] == NO_RETURN).all(axis=-1).any()
 
 
 def test_classes_are_a_panel_where_the_camera_knows_them(pair: Pair):

@@ -83,7 +83,7 @@ def test_the_part_in_which_it_acts_is_shaded_to_halfway():
 
 def test_a_sector_lights_the_rays_that_lie_in_it():
     one = sectors()
-    found = targets(strip_chart(one, place=1, frames=results.with_frames().frames))
+    found = targets(strip_chart(one, ordinal=1, frames=results.with_frames().frames))
     assert [int(target["data-index"]) for target in found] == list(range(8))
     assert {target["data-chart"] for target in found} == {"regime 1"}
     frame = results.with_frames().frames[0]

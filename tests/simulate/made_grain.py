@@ -5,8 +5,8 @@ from scipy.stats import norm
 
 from jaxsim.config import QUANTILES
 from jaxsim.frame import Painted
-from jaxsim.simulate.grain import surfaces_of
-from jaxsim.simulate.grain_fit import Scan
+from jaxsim.simulate.grain import breaks_of
+from jaxsim.simulate.grain_fit import GrainScan
 
 SHAPE = (32, 128)
 
@@ -53,15 +53,15 @@ def drop_shares() -> np.ndarray:
     return np.broadcast_to(np.linspace(0.1, 0.6, SHAPE[0])[:, None], SHAPE).astype(np.float32)
 
 
-def scan(z: np.ndarray, of_drop: np.ndarray, *, wall: int | None = None) -> Scan:
+def scan(z: np.ndarray, of_drop: np.ndarray, *, wall: int | None = None) -> GrainScan:
     """What a sensor reports whose intensities and drops have these normal numbers, beside a network that knows it."""
     view, told, u = painted(ranges(wall)), quantiles(), norm.cdf(z)
     cells = zip(u.ravel(), told.reshape(-1, len(QUANTILES)), strict=True)
     # Between its outer quantiles as told; beyond them no further, which few cells are.
     value = np.array([np.interp(rank, QUANTILES, of_cell) for rank, of_cell in cells]).reshape(SHAPE)
     back = norm.cdf(of_drop) >= drop_shares()
-    on = surfaces_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
-    return Scan(on, view.valid, back, value.astype(np.float32), told, drop_shares())
+    on = breaks_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
+    return GrainScan(on, view.valid, back, value.astype(np.float32), told, drop_shares())
 
 
 def beside(z: np.ndarray, lag: int, axis: int = 1) -> float:

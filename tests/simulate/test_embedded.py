@@ -9,7 +9,7 @@ import pytest
 import jaxsim
 from configs.embedded import experiment
 from jaxsim.config import GeneratorConfig
-from jaxsim.simulate.embedded import FILES, FOLDER, SUMS, is_embedded, read_embedded
+from jaxsim.simulate.embedded import FILES, FOLDER, SUMS_FILE, is_embedded, read_embedded
 from tests.untrained import untrained_run
 
 SMALL = replace(experiment, generator=GeneratorConfig(filters=4, blocks=1, downsamples=1, enhancer_blocks=1))
@@ -36,9 +36,9 @@ def test_its_name_loads_it_unless_a_run_lies_there(tmp_path, monkeypatch):
     assert jaxsim.load("embedded").run.experiment.generator.filters == 4
 
 
-@pytest.mark.parametrize("name", [*FILES, SUMS])
+@pytest.mark.parametrize("name", [*FILES, SUMS_FILE])
 def test_a_damaged_installation_says_so(tmp_path, name):
-    for file in (*FILES, SUMS):
+    for file in (*FILES, SUMS_FILE):
         (tmp_path / file).write_bytes((FOLDER / file).read_bytes())
     (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[:-70])
     with pytest.raises(ValueError, match="pip install --force-reinstall"):

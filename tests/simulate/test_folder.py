@@ -8,9 +8,9 @@ from jaxsim.config import DataConfig
 from jaxsim.effects.chain import SensorModel
 from jaxsim.geometry import full_grid, preset
 from jaxsim.simulate.folder import (
-    Batch,
+    FrameBatch,
     FrameMaker,
-    Made,
+    MadeBatch,
     Speed,
     _overlapped,
     claim_frames,
@@ -88,10 +88,10 @@ class Noting(FrameMaker):
 
     def write(self, chosen, frames, simulated):
         self.note("write", chosen)
-        return Made({str(chosen.positions[0]): {}}, simulated[2])
+        return MadeBatch({str(chosen.positions[0]): {}}, simulated[2])
 
 
-BATCHES = [Batch((k,), frozenset(), 0.0) for k in range(4)]
+BATCHES = [FrameBatch((k,), frozenset(), 0.0) for k in range(4)]
 
 
 def test_batches_come_in_their_order_each_read_once_and_written_once():
@@ -166,7 +166,7 @@ def test_effects_that_drift_count_from_the_data_sets_first_frame(tmp_path, monke
 
     def spread(batches):
         seen.extend(batches)
-        return iter([Made({}, 0.1)])
+        return iter([MadeBatch({}, 0.1)])
 
     simulate_folder(maker, [3, 4, 5], data="six", spread=spread)
     assert [batch.first_s for batch in seen] == [1.3e9]

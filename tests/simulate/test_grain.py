@@ -16,12 +16,12 @@ from jaxsim.simulate.grain import (
     Field,
     Grain,
     Ranks,
+    breaks_of,
     draw_ranks,
     drawn_of,
     ranks_of_fields,
     read_grain,
     save_grain,
-    surfaces_of,
 )
 from jaxsim.simulate.predict import Prediction, drawn
 from tests.simulate.made_grain import SHAPE, beside, by_loops, painted, ranges
@@ -70,7 +70,7 @@ def test_each_cells_own_quantiles_and_drops_stay_exactly_as_they_were_told():
 @pytest.mark.parametrize(("columns", "rows"), [(2.0, 1.0), (16.0, 4.0)])
 def test_a_field_is_as_alike_as_one_that_was_made_cell_by_cell(columns, rows):
     view = painted(ranges())
-    on = surfaces_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
+    on = breaks_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
     field = Field(1.0, columns, rows)
     ours = np.stack([drawn_of(field, on, key) for key in jax.random.split(jax.random.key(0), 60)])
     theirs = np.stack([by_loops(np.random.default_rng(k), columns=columns, rows=rows) for k in range(60)])
@@ -91,7 +91,7 @@ def test_a_field_breaks_where_the_surface_the_class_or_the_object_ends():
         (plane, kind, nothing, None),
         (plane, nothing, kind, None),
     ):
-        on = surfaces_of(view.range_m, view.valid, kind=of_kind, thing=thing)
+        on = breaks_of(view.range_m, view.valid, kind=of_kind, thing=thing)
         keys = jax.random.split(jax.random.key(1), 100)
         z = np.stack([drawn_of(Field(1.0, 64, 64, edge), on, key) for key in keys])
         across = np.corrcoef(z[:, :, 59].ravel(), z[:, :, 60].ravel())[0, 1]
@@ -102,7 +102,7 @@ def test_a_field_breaks_where_the_surface_the_class_or_the_object_ends():
 
 def test_a_field_that_heeds_no_edges_goes_on_across_them():
     view = painted(ranges(wall=60))
-    on = surfaces_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
+    on = breaks_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
     z = np.stack([drawn_of(Field(1.0, 64, 64), on, key) for key in jax.random.split(jax.random.key(1), 50)])
     assert np.corrcoef(z[:, :, 59].ravel(), z[:, :, 60].ravel())[0, 1] > 0.95
 
@@ -111,7 +111,7 @@ def test_planes_do_not_bend_edges_do_and_cells_without_a_range_break():
     view = painted(ranges(wall=60))
     valid = view.valid.copy()
     valid[5, 30] = False
-    on = surfaces_of(view.range_m, valid, kind=view.semantic, thing=view.instance)
+    on = breaks_of(view.range_m, valid, kind=view.semantic, thing=view.instance)
     across = np.asarray(on.across_m)
     assert across[6, 1:60].max() < 0.005
     assert across[6, 60] > 1
@@ -126,12 +126,12 @@ def test_two_cells_alone_bend_by_their_step():
     valid[0, 2:4] = True
     range_m = np.array([[9, 9, 10, 12, 9, 9]], np.float32)
     nothing = np.zeros((1, 6), np.int32)
-    assert float(surfaces_of(range_m, valid, kind=nothing, thing=nothing).across_m[0, 3]) == pytest.approx(2, rel=1e-5)
+    assert float(breaks_of(range_m, valid, kind=nothing, thing=nothing).across_m[0, 3]) == pytest.approx(2, rel=1e-5)
 
 
 def test_what_a_class_shares_is_shared_by_the_class_alone():
     view = small_view()
-    on = surfaces_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
+    on = breaks_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
     z = np.asarray(drawn_of(Field(1.0, None, None), on, jax.random.key(0)))
     post = np.asarray(view.semantic) == 17
     assert len(np.unique(z[post])) == len(np.unique(z[~post])) == 1
@@ -162,7 +162,7 @@ def test_another_scan_of_surfaces_that_stay_renews_what_is_each_cells_alone():
 
 def test_shares_of_a_file_that_miss_one_by_a_digit_give_even_ranks():
     view = painted(ranges())
-    on = surfaces_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
+    on = breaks_of(view.range_m, view.valid, kind=view.semantic, thing=view.instance)
     fields = (Field(0.4995),) * 2
     u = np.stack([ranks_of_fields(fields, on, key) for key in jax.random.split(jax.random.key(0), 30)])
     assert np.var(norm.ppf(u)) == pytest.approx(1, abs=0.02)

@@ -124,8 +124,8 @@ def read_las(file: Path, options: LogOptions) -> LogScan:
     # The standard scales intensity to 16 bits; many writers leave 0..255.
     largest = float(values["intensity"].max(initial=0)) if "intensity" in values else 0.0
     scale = _LAS_SCALE if largest > 255 else 255.0
-    place = str(file)
-    return scan_of_fields(values, options, by="las", where=place, name=file.stem, scene=_scene(file), full_scale=scale)
+    path, name = str(file), file.stem
+    return scan_of_fields(values, options, by="las", where=path, name=name, scene=_scene(file), full_scale=scale)
 
 
 def read_carla(file: Path, options: LogOptions) -> LogScan:
@@ -253,8 +253,8 @@ def _is_carla(path: Path) -> bool:
 
 def _about(path: Path) -> list[Path]:
     """attributes.json of a CARLA recording: its own, or of a folder of recordings those of all."""
-    own = (path if path.is_dir() else path.parent) / "attributes.json"
-    return [own] if own.is_file() else sorted(path.glob("*/attributes.json"))
+    description = (path if path.is_dir() else path.parent) / "attributes.json"
+    return [description] if description.is_file() else sorted(path.glob("*/attributes.json"))
 
 
 def _carla_items(path: Path, options: LogOptions) -> Iterator[Item]:
@@ -266,16 +266,18 @@ def _carla_items(path: Path, options: LogOptions) -> Iterator[Item]:
     if options.meta or len(places) < 2 or (path / "attributes.json").is_file():
         yield from _items(_RAW, read_carla, "carla")(places[0].parent if places and path.is_dir() else path, options)
         return
-    first, *others = [(place, _carla_spec(_attributes(place), place)) for place in places]
-    for place, spec in others:
+    first, *others = [
+        (attributes_file, _carla_spec(_attributes(attributes_file), attributes_file)) for attributes_file in places
+    ]
+    for attributes_file, spec in others:
         if spec != first[1]:
             raise ValueError(
-                f"carla: {first[0]} and {place} are of different sensors (channels, field of view, points a turn, "
-                "range); write each sensor to a folder of its own"
+                f"carla: {first[0]} and {attributes_file} are of different sensors (channels, field of view, points a "
+                "turn, range); write each sensor to a folder of its own"
             )
-    for place in places:
-        for file in files_in(place.parent, *_RAW):
-            name = f"{place.parent.name}_{file.stem}"
+    for attributes_file in places:
+        for file in files_in(attributes_file.parent, *_RAW):
+            name = f"{attributes_file.parent.name}_{file.stem}"
             yield Item(name, lambda file=file, name=name: replace(read_carla(file, options), name=name))
 
 

@@ -25,7 +25,7 @@ from jaxsim.geometry import same_grid
 from jaxsim.progress import Progress
 
 RECORD = "log.json"
-WHOLE = 0.5
+LEAST_TURN = 0.5
 """A turn that fills fewer of the grid's columns was begun or ended within the recording."""
 
 
@@ -99,7 +99,7 @@ def write_log(
                 scan = item.read()
                 sweep = _sweep(scan, sensor, grid, options=options, by=kind)
             is_partial = isinstance(scan, LogScan) and scan.is_partial
-            if is_partial or np.asarray(sweep.image.valid).any(axis=0).mean() < WHOLE:
+            if is_partial or np.asarray(sweep.image.valid).any(axis=0).mean() < LEAST_TURN:
                 partial += 1
                 continue
             write_frame(out, sweep.name, sweep.image, **sweep.rasters)

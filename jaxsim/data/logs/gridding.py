@@ -133,8 +133,10 @@ def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
     sizes = [len(p.xyz_m) for p in parts]
     fullest = int(np.argmax(sizes))
     one = slice(sum(sizes[:fullest]), sum(sizes[: fullest + 1]))
-    own = column_azimuths(azimuth[one], beams.rows_of(ring[one]), columns=options.columns or first.columns)
-    grid = PolarGrid(own.astype(np.float32), beams.elevation_rad.astype(np.float32), beams.origin_m.astype(np.float32))
+    azimuths = column_azimuths(azimuth[one], beams.rows_of(ring[one]), columns=options.columns or first.columns)
+    grid = PolarGrid(
+        azimuths.astype(np.float32), beams.elevation_rad.astype(np.float32), beams.origin_m.astype(np.float32)
+    )
     return Sensor(beams, grid, scale, pose, axis)
 
 
@@ -264,7 +266,7 @@ def _one_return(
 def _on_grid(
     scan: LogScan,
     sensor: Sensor,
-    kept: Int[np.ndarray, " m"],
+    point: Int[np.ndarray, " m"],
     *,
     row: Int[np.ndarray, " m"],
     column: Int[np.ndarray, " m"],
@@ -273,11 +275,11 @@ def _on_grid(
 ) -> Sweep:
     rows, columns = len(sensor.grid.elevation_rad), len(sensor.grid.azimuth_rad)
     within = (column >= 0) & (column < columns)
-    kept, cell = kept[within], row[within].astype(np.int64) * columns + column[within]
+    point, cell = point[within], row[within].astype(np.int64) * columns + column[within]
     # The last write to a cell stays: the nearest.
-    order = np.argsort(-range_m[kept], kind="stable")
+    order = np.argsort(-range_m[point], kind="stable")
     winner = np.full(rows * columns, -1, np.int64)
-    winner[cell[order]] = kept[order]
+    winner[cell[order]] = point[order]
     valid = (winner >= 0).reshape(rows, columns)
     index = np.maximum(winner, 0).reshape(rows, columns)
 

@@ -32,7 +32,7 @@ _OF_SHAPE = {
 """Cityscapes' classes that are one here."""
 OF_MATERIAL = ("marking", "wet road", "number plate", "sign's sheet")
 """Classes that lie in the plane of another."""
-CLASSES = ("unlabelled", *_OF_SHAPE, *OF_MATERIAL)
+LABEL_CLASSES = ("unlabelled", *_OF_SHAPE, *OF_MATERIAL)
 """By number, as the files hold them."""
 
 
@@ -42,7 +42,7 @@ def classes_of(scan: IdealScan) -> Int[np.ndarray, "rows columns"]:
     for number, names in enumerate(_OF_SHAPE.values(), start=1):
         by_id[[IDS[name] for name in names]] = number
     label = by_id[np.asarray(scan.semantic)]
-    is_sign = label == CLASSES.index("sign")
+    is_sign = label == LABEL_CLASSES.index("sign")
     for name, where in (
         ("wet road", np.asarray(scan.wet)),
         # Paint under water is seen as paint.
@@ -50,7 +50,7 @@ def classes_of(scan: IdealScan) -> Int[np.ndarray, "rows columns"]:
         ("number plate", np.asarray(scan.retro) & ~is_sign),
         ("sign's sheet", np.asarray(scan.retro) & is_sign),
     ):
-        label[where] = CLASSES.index(name)
+        label[where] = LABEL_CLASSES.index(name)
     return np.where(np.asarray(scan.valid), label, 0)
 
 

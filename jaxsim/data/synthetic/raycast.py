@@ -21,7 +21,7 @@ from jaxsim.data.synthetic.solids import CAPACITY, FACES, Solids
 from jaxsim.data.synthetic.street import Street, cast_ground, ground_normal
 from jaxsim.frame import Array
 
-FAR_M = 1e4
+SKY_M = 1e4
 POLYHEDRA, ROUNDS, CROWNS = CAPACITY
 GROUND = sum(CAPACITY)
 """Number of the ground among the solids; SKY is the next."""
@@ -45,7 +45,7 @@ class Hit:
     """What each ray meets first."""
 
     distance: Float[Array, "h w"]
-    """Distance in lengths of the ray's direction; FAR_M for the sky."""
+    """Distance in lengths of the ray's direction; SKY_M for the sky."""
     solid: Int[Array, "h w"]
     """Number of the solid, or GROUND, or SKY."""
     normal: Float[Array, "3 h w"]
@@ -94,7 +94,7 @@ def cast_solids(
     candidates: TileSolids,
     tile: tuple[int, int],
 ) -> tuple[Float[Array, "h w"], Int[Array, "h w"]]:
-    """Nearest hit with a solid and its code, FACES * solid + face; FAR_M and a negative code where there is none.
+    """Nearest hit with a solid and its code, FACES * solid + face; SKY_M and a negative code where there is none.
 
     `candidates` lists the tiles of the raster row by row. One row of tiles is worked on at a time: it stays in the
     cache, and needs as many trials as its fullest tile.
@@ -130,7 +130,7 @@ def _cast_row(
     solids: Solids, origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], *, candidates: TileSolids
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
     shape = direction.shape[1:]
-    best = (jnp.full(shape, FAR_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
+    best = (jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
 
     def polyhedra(k: Int[Array, ""], best):
         number = candidates.polyhedra[:, k]
@@ -166,9 +166,9 @@ def _nearer(best, enter: Float[Array, "t r"], code: Int[Array, "..."]):
 def enter_polyhedron(
     origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], planes: Float[Array, "t faces 4"]
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
-    """Where each ray enters its tile's polyhedron, FAR_M if it does not, and through which face."""
+    """Where each ray enters its tile's polyhedron, SKY_M if it does not, and through which face."""
     shape = direction.shape[1:]
-    enter, leave = jnp.full(shape, -FAR_M, jnp.float32), jnp.full(shape, FAR_M, jnp.float32)
+    enter, leave = jnp.full(shape, -SKY_M, jnp.float32), jnp.full(shape, SKY_M, jnp.float32)
     face = jnp.zeros(shape, jnp.int32)
     for f in range(FACES):
         nx, ny, nz, w = jnp.unstack(planes[:, f, :, None], axis=1)
@@ -180,8 +180,8 @@ def enter_polyhedron(
         enter, face = jnp.where(later, s, enter), jnp.where(later, f, face)
         leave = jnp.where((towards > 0.0) & (s < leave), s, leave)
         # A ray along a plane, on its outer side, never enters.
-        leave = jnp.where((towards == 0.0) & (room < 0.0), -FAR_M, leave)
-    return jnp.where((enter < leave) & (enter > 0.0), enter, FAR_M), face
+        leave = jnp.where((towards == 0.0) & (room < 0.0), -SKY_M, leave)
+    return jnp.where((enter < leave) & (enter > 0.0), enter, SKY_M), face
 
 
 def _span(
@@ -193,17 +193,17 @@ def _span(
 ) -> tuple[list, list, Float[Array, "t r"], Float[Array, "t r"]]:
     """Rays (origin, direction) in the solid's own units, and where they enter and leave its quadric.
 
-    Rays that miss it enter at FAR_M and leave at -FAR_M. `weight` of the third axis: 1 for a ball, 0 for a cylinder.
+    Rays that miss it enter at SKY_M and leave at -SKY_M. `weight` of the third axis: 1 for a ball, 0 for a cylinder.
     """
 
-    def own(v: Float[Array, "3 ..."], *, shift: bool) -> list:
+    def in_frame(v: Float[Array, "3 ..."], *, shift: bool) -> list:
         rows = []
         for i in range(3):
             a, b, c, d = jnp.unstack(conic[:, i, :, None], axis=1)
             rows.append(a * v[0] + b * v[1] + c * v[2] + (d if shift else 0.0))
         return rows
 
-    q, p = own(origin, shift=True), own(direction, shift=False)
+    q, p = in_frame(origin, shift=True), in_frame(direction, shift=False)
     # Seen from the point of closest approach, nothing large cancels: a thin pole 60 m away needs that in float32.
     length2 = jnp.maximum(p[0] * p[0] + p[1] * p[1] + weight * p[2] * p[2], 1e-12)
     middle = -(q[0] * p[0] + q[1] * p[1] + weight * q[2] * p[2]) / length2
@@ -212,7 +212,7 @@ def _span(
     inside = 1.0 - (x * x + y * y + weight * z * z)
     reach = jnp.sqrt(jnp.maximum(inside, 0.0) / length2)
     met = inside > 0.0
-    return q, p, jnp.where(met, middle - reach, FAR_M), jnp.where(met, middle + reach, -FAR_M)
+    return q, p, jnp.where(met, middle - reach, SKY_M), jnp.where(met, middle + reach, -SKY_M)
 
 
 @jax.jit
@@ -224,7 +224,7 @@ def enter_round(
     roundness: Float[Array, " t"],
     bore: Float[Array, " t"],
 ) -> Float[Array, "t r"]:
-    """Where each ray enters its tile's ball or capped cylinder; FAR_M if it does not.
+    """Where each ray enters its tile's ball or capped cylinder; SKY_M if it does not.
 
     A ring is thin: a ray that enters its cap within the bore passes.
     """
@@ -237,7 +237,7 @@ def enter_round(
     x, y = q[0] + cap * p[0], q[1] + cap * p[1]
     passes = (cap > enter) & (x * x + y * y < (bore * bore)[:, None])
     enter = jnp.maximum(enter, cap)
-    return jnp.where((enter < leave) & (enter > 0.0) & ~passes, enter, FAR_M)
+    return jnp.where((enter < leave) & (enter > 0.0) & ~passes, enter, SKY_M)
 
 
 @jax.jit
@@ -248,28 +248,28 @@ def enter_crown(
     *,
     path_m: Float[Array, " t"],
 ) -> Float[Array, "t r"]:
-    """Where a leaf stops each ray in its tile's crown; FAR_M where it gets through.
+    """Where a leaf stops each ray in its tile's crown; SKY_M where it gets through.
 
     The free path is -path_m ln u (Beer-Lambert), with u noise that belongs to the place where the ray enters.
     """
     _, _, enter, leave = _span(origin, direction, conic, weight=jnp.float32(1.0))
-    at = [jnp.clip(origin[i] + enter * direction[i], -FAR_M, FAR_M) / LEAF_M for i in range(3)]
+    at = [jnp.clip(origin[i] + enter * direction[i], -SKY_M, SKY_M) / LEAF_M for i in range(3)]
     bough, clump = smooth_noise3(*(0.35 * c for c in at)), smooth_noise3(*at)
     leaf = smooth_noise3(*(3.1 * c for c in at))
     # Interpolated noise gathers about 1/2: stretch it over (0, 1).
     u = jnp.clip(1.9 * (0.4 * bough + 0.35 * clump + 0.25 * leaf - 0.5) + 0.5, 0.01, 0.98)
     unit = 1.0 / jnp.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
     stop = enter - path_m[:, None] * jnp.log(u) * unit
-    return jnp.where((stop < leave) & (enter > 0.0), stop, FAR_M)
+    return jnp.where((stop < leave) & (enter > 0.0), stop, SKY_M)
 
 
 def _round_normal(solids: Solids, conic: Int[Array, "h w"], at: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
     rows = solids.conics.reshape(-1, 12)[conic]
-    own = [sum(rows[..., 4 * i + j] * at[j] for j in range(3)) + rows[..., 4 * i + 3] for i in range(3)]
+    local = [sum(rows[..., 4 * i + j] * at[j] for j in range(3)) + rows[..., 4 * i + 3] for i in range(3)]
     # The quadric's gradient in its own frame is the place itself, without z on a cylinder; A^T takes it to `world`.
     ball = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])[conic]
-    cap = (ball < 0.5) & (jnp.abs(own[2]) > 0.999)
-    weight = [jnp.where(cap, 0.0, own[0]), jnp.where(cap, 0.0, own[1]), jnp.where(cap, own[2], ball * own[2])]
+    cap = (ball < 0.5) & (jnp.abs(local[2]) > 0.999)
+    weight = [jnp.where(cap, 0.0, local[0]), jnp.where(cap, 0.0, local[1]), jnp.where(cap, local[2], ball * local[2])]
     return unit_vector(vector(*(sum(rows[..., 4 * i + j] * weight[i] for i in range(3)) for j in range(3))))
 
 

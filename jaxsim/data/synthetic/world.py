@@ -63,7 +63,7 @@ _CAM_FROM_VELO = np.array(
     ]
 )
 MIN_PIXELS = 30
-REACH_M = 90.0
+SIGHT_M = 90.0
 # Share of the box's outline in the image that the thing itself fills when nothing hides it.
 _FILL = {"Car": 0.80, "Van": 0.86, "Truck": 0.88, "Pedestrian": 0.50, "Cyclist": 0.42}
 
@@ -300,7 +300,7 @@ def label_boxes(
         corners = _corners(thing.size_m, position_m[i], heading_rad[i]) @ cam_from_world[:3, :3].T
         corners = corners + cam_from_world[:3, 3]
         bottom = cam_from_world[:3, :3] @ position_m[i] + cam_from_world[:3, 3]
-        if bottom[2] < 0.5 or bottom[2] > REACH_M:
+        if bottom[2] < 0.5 or bottom[2] > SIGHT_M:
             continue
         whole = _outline(corners, intrinsics)
         box = np.clip(whole, 0, [w - 1, h - 1, w - 1, h - 1])

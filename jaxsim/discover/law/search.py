@@ -27,13 +27,13 @@ from jaxsim.discover.law.learn import LearnedFit
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import jackknife_sd, student_reach
 from jaxsim.discover.verdict import ClosedLaw, Interval
-from jaxsim.effects.learned import UNITS
+from jaxsim.effects.learned import CHANGE_UNITS
 
 Constants = Float[np.ndarray, " c"]
 _Columns = Float[np.ndarray, "c n m"]
 HALVES = tuple(k / 2 for k in range(-6, 7) if k not in (0, 2))
 """Exponents: a physical law's are seldom others."""
-FREE = np.linspace(-4, 4, 33)
+EXPONENTS = np.linspace(-4, 4, 33)
 """Exponents between which a free one lies."""
 _Curves = Float[np.ndarray, "t n"]
 GOLDEN = (np.sqrt(5) - 1) / 2
@@ -120,7 +120,7 @@ def _of_one(variable: Variable) -> list[Shape]:
         shapes.append(Shape(2, f"level + size * log{at}", _alone(np.log(u)), ""))
         power = f"level + size * {at}**exponent"
         shapes.append(Shape(2, power, lambda p: _one(u ** p[:, None]), "", "exponent", "", HALVES))
-        freely = tuple(FREE.tolist())
+        freely = tuple(EXPONENTS.tolist())
         shapes.append(Shape(3, power, lambda p: _power(u, p), "", "exponent", "", freely, refined=True))
         shapes.append(Shape(3, f"level + size * log{at}**2", _alone(np.log(u) ** 2), ""))
         inner += [(f"log{at}", np.log(u), ""), (f"{at}**-1", 1 / u, "")]
@@ -344,7 +344,7 @@ def closed_law(fitted: LearnedFit) -> ClosedLaw | None:
         np.asarray(learned.values),
         fitted.without,
         channel=learned.channel,
-        unit=UNITS[learned.channel],
+        unit=CHANGE_UNITS[learned.channel],
         free=fitted.free,
     )
     if law is None:

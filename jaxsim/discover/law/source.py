@@ -24,16 +24,16 @@ from jaxsim.effects.learned import LIMITS
 from jaxsim.files import parse_settings, placed, read_json, write_text
 
 FUNCTIONS = ("exp", "log", "sin")
-NUMBERS = ("level", "size", "edge", "exponent", "scale", "period", "phase")
+FITTED_NAMES = ("level", "size", "edge", "exponent", "scale", "period", "phase")
 """Names of what is fitted in a formula."""
 LONGEST = 400
 """Characters: four times the longest of the grammar."""
-MOST = 1e12
+MOST_VALUE = 1e12
 _OPERATIONS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 _FOR_PEOPLE = re.compile(r"[\w .,+\-·*/^()≥π²³]*")
-STAGES = {"intensity": "receiver", "range": "ranging", "drop": "detection"}
+STAGE_OF = {"intensity": "receiver", "range": "ranging", "drop": "detection"}
 EDITS = {"intensity": "brighten", "range": "misread", "drop": "lose"}
-WORDS = {"intensity": "ln I, ln P += change", "range": "reading += change", "drop": "keep *= 1 - change"}
+CHANGE_OF = {"intensity": "ln I, ln P += change", "range": "reading += change", "drop": "keep *= 1 - change"}
 
 
 def check_law(law: ClosedLaw, variables: dict[str, str]) -> None:
@@ -45,16 +45,16 @@ def check_law(law: ClosedLaw, variables: dict[str, str]) -> None:
         if name not in variables:
             raise ValueError(f"covariate {name!r} is in no formula; known are {', '.join(variables)}")
     for name in law.parameters:
-        if name not in NUMBERS:
-            raise ValueError(f"parameter {name!r} is in no formula; known are {', '.join(NUMBERS)}")
+        if name not in FITTED_NAMES:
+            raise ValueError(f"parameter {name!r} is in no formula; known are {', '.join(FITTED_NAMES)}")
     names = [variables[name] for name in law.covariates]
     for name in names:
         low, high = law.limits.get(name, (1.0, 0.0))
         if not low <= high:
             raise ValueError(f"limits of {name} are missing, or do not rise")
     numbers = [n for one in law.parameters.values() for n in (one.value, one.low, one.high)]
-    if (np.abs([*numbers, *np.ravel([*law.limits.values()]), law.held_out_nats, law.share]) > MOST).any():
-        raise ValueError(f"a number is beyond {MOST:g}")
+    if (np.abs([*numbers, *np.ravel([*law.limits.values()]), law.held_out_nats, law.share]) > MOST_VALUE).any():
+        raise ValueError(f"a number is beyond {MOST_VALUE:g}")
     if not _FOR_PEOPLE.fullmatch(law.formula) or len(law.formula) > LONGEST:
         raise ValueError(f"formula {law.formula[:60]!r} holds what no formula does")
     check_expression(law.expression, [*names, *law.parameters, "pi"])
@@ -91,7 +91,7 @@ def _allowed(node: ast.expr, names: Collection[str]) -> bool:
         case ast.Name(id=name):
             return name in names
         case ast.Constant(value=value):
-            return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MOST
+            return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MOST_VALUE
     return False
 
 
@@ -165,9 +165,9 @@ def _source(law: ClosedLaw, name: str) -> str:
             "",
             "EFFECT = Effect(",
             f"    name={name!r},",
-            f"    stage={STAGES[law.channel]!r},",
+            f"    stage={STAGE_OF[law.channel]!r},",
             f"    title={f'{law.channel} follows {along}'!r},",
-            f"    formula={f'{WORDS[law.channel]}; change = {law.expression}'!r},",
+            f"    formula={f'{CHANGE_OF[law.channel]}; change = {law.expression}'!r},",
             "    parameters={",
             *parameters,
             "    },",
@@ -220,5 +220,5 @@ def _parameter(law: ClosedLaw, name: str) -> str:
     # The gain takes a level of intensities up; a place of a step has no derivative.
     fitted = not (name == "edge" or (name == "level" and law.channel == "intensity"))
     numbers = ", ".join(f"{number:.6g}" for number in bounds)
-    more = "" if fitted else ", fitted=False"
-    return f"        {name!r}: Parameter({numbers}, {one.unit!r}, {meaning!r}, scale={scale:.6g}{more}),"
+    not_fitted = "" if fitted else ", fitted=False"
+    return f"        {name!r}: Parameter({numbers}, {one.unit!r}, {meaning!r}, scale={scale:.6g}{not_fitted}),"

@@ -63,8 +63,10 @@ Priors and bounds, and where they are set
     street  0.1 nats; object 0.2, patch of 6 m 0.15; strip 0.1                     cast.STREET_SD, OBJECT_SD ...
     pose    2 cm, 1 mrad an axis; at most 15 % of a range       evidence.POSE_SD, random_effects.POSE_MOST
     tails; widths of near, wide, mixed pixels, pile at the top                     noise.DEGREES, likelihood
+    rays between two surfaces of frames that are cast again: 3 %                   read.UNKNOWN_BETWEEN
     which rays are compared; edges; planes                                         Rules.compared_, cast
     which columns of which frames                                                  cast.RAYS, SECTORS
+    noise that a simulator has: how it is told, on which surfaces, how smooth      noise_levels, simulator, smooth
     rounding                                                                       Rules.finest_step, lattice_
 
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.

@@ -205,6 +205,7 @@ def bends(
     last = elevation_rad.shape[0] - 1
     above = jnp.abs(elevation_rad[jnp.maximum(row - 1, 0)] - elevation_rad[row])
     below = jnp.abs(elevation_rad[jnp.minimum(row + 1, last)] - elevation_rad[row])
+    # Columns of a raster are even, its rows need not be: neighbours above and below weigh by their distances.
     share = below / jnp.maximum(above + below, 1e-6)
     sides = (inverse[..., 0] + inverse[..., 1]) / 2 * range_m - 1
     stack = (share * inverse[..., 2] + (1 - share) * inverse[..., 3]) * range_m - 1
@@ -228,6 +229,7 @@ def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
 
     To the sides a step of 0.3 m and 5 % of the range counts; a bend (`bends`) of 3 % counts all round.
     """
+    # A step to the side, a bend any way, or the sky beside; of rays that hit nothing, a surface beside.
     sky = ~jnp.isfinite(rays.beside_m)
     beside = jnp.where(sky, 1e4, rays.beside_m)
     side = jnp.abs(beside[..., :2] - rays.range_m[..., None]) > jnp.maximum(0.3, 0.05 * rays.range_m)[..., None]

@@ -14,8 +14,7 @@ free level each.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -37,7 +36,7 @@ LEVEL_RAD = 0.15
 """Planes tilted by less than this are level ground."""
 LEAST_DOWN_RAD = np.deg2rad(1.0)
 """Rays that look down by less tell no ground from walls."""
-QUANTILES = (0.05, 0.35, 0.65, 0.95)
+KNOT_QUANTILES = (0.05, 0.35, 0.65, 0.95)
 """Quantiles of ln albedo: knots of the free curve."""
 LEAST_APART = 0.1
 """Nats between knots, at least; where all albedos are alike one knot is left."""
@@ -59,7 +58,7 @@ NORMALS_SD = 1.0
 follows."""
 GAIN_PRECISION = 1e-6
 """1 / variance of ln of the overall gain: any gain is possible."""
-GROUND = (6, 7, 8, 9, 10)
+FLAT = (6, 7, 8, 9, 10)
 """Cityscapes ids of flat surfaces, whose normals a range image gives best."""
 TERRAIN = (22,)
 """Cityscapes ids of ground that rolls."""
@@ -115,7 +114,7 @@ def _ground(scan: Scan) -> Bool[np.ndarray, "f r n"]:
 
 def _knots(albedo: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
     knots: list[float] = []
-    for knot in np.quantile(albedo, QUANTILES):
+    for knot in np.quantile(albedo, KNOT_QUANTILES):
         if not knots or knot - knots[-1] > LEAST_APART:
             knots.append(float(knot))
     return np.array(knots)
@@ -226,27 +225,38 @@ def gather(
     kinds = kinds_of(scan, index)
     given = scan.incidence_rad if given_rad is None else given_rad
     surfaces = surfaces_of(scan, index)
-    return _gather(
+    per_ray = at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator)
+    fields = _fields_of_rays(
         scan,
         measured,
         rays or cast(scan, frame, column),
         index=index,
         given_rad=given,
         score=angle_scores(given, hit=scan.hit, semantic=scan.semantic)[index],
-        surfaces=surfaces,
-        scene=scene.astype(np.int32),
         darkest=np.float32(RULES.compared_steps * step),
         cut=_cut_off(values, valid, surfaces),
-        lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
-        own=at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
+        per_ray=per_ray,
         kinds=kinds.share,
-        kind_names=kinds.names,
-        scenes=int(scene.max()) + 1,
     )
+    ev = Evidence(
+        **fields,
+        lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
+        ridge=_ridge(len(kinds.names), detail=per_ray.detail is not None),
+        strip=surfaces.strip,
+        surface=surfaces.surface,
+        precision=surfaces.precision,
+        scene=scene.astype(np.int32),
+        known_range_variance=per_ray.range_variance,
+        own_step=per_ray.step,
+        scenes=int(scene.max()) + 1,
+        kinds=kinds.names,
+        after_kinds=AFTER_KINDS + (0 if per_ray.detail is None else OF_DETAIL),
+    )
+    return jax.device_put(ev)
 
 
-@partial(jax.jit, static_argnames=("kind_names", "scenes"))
-def _gather(
+@jax.jit
+def _fields_of_rays(
     scan: Scan,
     measured: Measured,
     simulated: Cast,
@@ -254,25 +264,23 @@ def _gather(
     index: RayIndex,
     given_rad: Float[Array, "f r n"],
     score: Float[Array, "b c r"],
-    surfaces: Surfaces,
-    scene: Int[Array, " b"],
     darkest: Float[Array, ""],
     cut: Bool[Array, "#b #c #r"],
-    lowest: Float[Array, ""],
-    own: AtRays,
+    per_ray: AtRays,
     kinds: Float[Array, "b c r k"],
-    kind_names: tuple[str, ...],
-    scenes: int,
-) -> Evidence:
+) -> dict[str, Any]:
+    """The fields of `Evidence` that are told ray by ray. Not compared are readings below `darkest`, and those that are
+    `cut` off."""
     rays, pose = simulated.rays, simulated.pose
     # What the simulator itself loses at random is no loss of the sensor's.
     rays = replace(
         rays,
-        log_keep=rays.log_keep + own.log_kept,
-        log_intensity=rays.log_intensity - own.excess,
-        log_power=rays.log_power - own.excess,
+        log_keep=rays.log_keep + per_ray.log_kept,
+        log_intensity=rays.log_intensity - per_ray.excess,
+        log_power=rays.log_power - per_ray.excess,
     )
     returned, range_m = measured.valid[index], measured.range_m[index]
+    # A ray that grazes its plane runs along it at the least turn of the sensor.
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / RULES.least_slant)
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
     step = rays.hit & at_edge(rays)
@@ -280,50 +288,38 @@ def _gather(
     given = given_rad[index]
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < RULES.compared_below_rad) & (given < RULES.compared_below_rad)
-    # By what is predicted, not by what was measured, which would choose the brighter of the dark rays.
-    # Nor by noise, which would choose the brighter of the dark rays as well.
-    expected = rays.log_intensity - own.over_trend
+    # By what is predicted, free of noise: what was measured, or noise, would choose the brighter of the dark rays.
+    expected = rays.log_intensity - per_ray.over_trend
     clear = expected > jnp.log(jnp.maximum(darkest, FLOOR))
-    compared = rays.hit & returned & near & ~edge & moderate & clear & ~cut & own.trusted
+    compared = rays.hit & returned & near & ~edge & moderate & clear & ~cut & per_ray.trusted
     # Of the logarithm of a reading that noise may halve the mean is off, and its scatter as large as itself.
     seen = rays.hit & returned & near & clear
     log_measured = jnp.log(jnp.maximum(measured.intensity[index], FLOOR))
     level = expected + jnp.nanmedian(jnp.where(seen, log_measured - rays.log_intensity, jnp.nan))
-    dark = own.constant * jnp.exp(-level)
+    dark = per_ray.constant * jnp.exp(-level)
     compared = compared & (dark < RULES.compared_noise)
     blur = jnp.minimum(dark, RULES.compared_noise) ** 2
-    known_variance = own.variance + blur
+    known_variance = per_ray.variance + blur
     # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
     lift = jnp.broadcast_to(0.5 * blur, log_measured.shape)
+    # The design of the random effects, with the detail of a noisy simulator where there is any.
     features = _features(rays, given, kinds, score=score)
-    ridge = _ridge(len(kind_names), detail=own.detail is not None)
-    if own.detail is not None:
-        features = jnp.concatenate([features, own.detail], axis=-1)
-    return Evidence(
-        rays=rays,
-        returned=returned,
-        range_m=range_m,
-        log_intensity=log_measured + lift,
-        lift=lift,
-        lowest=lowest,
-        given_rad=given,
-        compared=compared,
-        edge=edge,
-        step=step,
-        pose=jnp.where(steady[..., None], pose, 0),
-        features=jnp.where(compared[..., None], features, 0).astype(jnp.float32),
-        ridge=ridge,
-        strip=surfaces.strip,
-        surface=surfaces.surface,
-        precision=surfaces.precision,
-        scene=scene,
-        known_variance=known_variance,
-        known_range_variance=own.range_variance,
-        own_step=own.step,
-        scenes=scenes,
-        kinds=kind_names,
-        after_kinds=AFTER_KINDS + (0 if own.detail is None else OF_DETAIL),
-    )
+    if per_ray.detail is not None:
+        features = jnp.concatenate([features, per_ray.detail], axis=-1)
+    return {
+        "rays": rays,
+        "returned": returned,
+        "range_m": range_m,
+        "log_intensity": log_measured + lift,
+        "lift": lift,
+        "given_rad": given,
+        "compared": compared,
+        "edge": edge,
+        "step": step,
+        "pose": jnp.where(steady[..., None], pose, 0),
+        "features": jnp.where(compared[..., None], features, 0).astype(jnp.float32),
+        "known_variance": known_variance,
+    }
 
 
 def _cut_off(
@@ -355,7 +351,7 @@ def angle_scores(
     returns, semantic = np.asarray(hit), np.asarray(semantic)
     borders = np.arange(0, np.pi / 2 + STEP_RAD, STEP_RAD)
     middle = (borders[1:] + borders[:-1]) / 2
-    ground, terrain = np.isin(semantic, GROUND), np.isin(semantic, TERRAIN)
+    ground, terrain = np.isin(semantic, FLAT), np.isin(semantic, TERRAIN)
     for kind in (ground, terrain, ~ground & ~terrain):
         for row in range(given.shape[1]):
             of, angle = kind[:, row], given[:, row]
@@ -374,7 +370,7 @@ def _features(
     seen = jnp.minimum(rays.incidence_rad, RULES.compared_below_rad)
     # Held within 1.5 nats: near grazing incidence ln cos runs away from small differences of angle.
     disagreement = jnp.clip(jnp.log(jnp.cos(seen)) - jnp.log(jnp.cos(given)), -1.5, 1.5)
-    ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))
+    ground = jnp.isin(rays.semantic, jnp.asarray(FLAT))
     terrain = jnp.isin(rays.semantic, jnp.asarray(TERRAIN))
     # Apart, since a range image gives the normals of ground better than those of hedges.
     disagreements = [jnp.where(kind, disagreement, 0) for kind in (ground, terrain, ~ground & ~terrain)]
@@ -387,5 +383,5 @@ def _features(
 def _ridge(kinds: int, *, detail: bool) -> Float[np.ndarray, " p"]:
     """`Evidence.ridge` for so many kinds of surfaces, with the detail of a noisy simulator or without."""
     others = [1 / CURVATURE_SD**2, 1 / SHIFT_SD**2, *[1 / NORMALS_SD**2] * 3]
-    own = [1 / DETAIL_SD**2] * OF_DETAIL if detail else []
-    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others, *own], np.float32)
+    of_detail = [1 / DETAIL_SD**2] * OF_DETAIL if detail else []
+    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others, *of_detail], np.float32)

@@ -31,14 +31,14 @@ from jaxsim.effects.rays import Rays, Scan
 from jaxsim.effects.recast import recast
 from jaxsim.frame import Array
 
-OF_INTENSITY = ("log_intensity", "intensity_step", "intensity_top")
+INTENSITY_FIELDS = ("log_intensity", "intensity_step", "intensity_top")
 """Fields of rays that the likelihood of intensities is differentiated in."""
 OF_RETURNS = (
     *("range_m", "log_keep", "column_loss", "reading_m", "noise_m", "between", "between_m", "ghost", "ghost_m"),
     *("clutter", "clutter_power", "clutter_scale_m", "clutter_from_m", "range_step_m"),
 )
 """Fields that the likelihood of ranges and of what returned is differentiated in."""
-DIFFERENTIATED = (*OF_INTENSITY, *OF_RETURNS)
+DIFFERENTIATED = (*INTENSITY_FIELDS, *OF_RETURNS)
 CONSTANT = ("hit", "beside_m")
 """Fields that it takes as they are: which surface is met has no derivative."""
 
@@ -87,6 +87,7 @@ def value_and_gradient(
 ) -> Gradient:
     """The likelihood of `ev` with its rays' fields replaced. Levels that frames share follow from the blocks with
     `fitted` > 0; `value` counts those with `counted` > 0."""
+    # Two programs, for intensities need levels of all blocks and returns do not.
     parts: list[Gradient] = []
     if "intensity" in channels:
         parts.append(
@@ -104,7 +105,7 @@ def value_and_gradient(
         (intensity.value, intensity.blocks, intensity.by_noise), (returns.value, returns.blocks, returns.by_noise)
     )
     # Both programs give all fields; those of intensity have no derivative in the returns.
-    by_fields = returns.by_fields | {name: intensity.by_fields[name] for name in OF_INTENSITY}
+    by_fields = returns.by_fields | {name: intensity.by_fields[name] for name in INTENSITY_FIELDS}
     return Gradient(value, blocks, by_fields, by_noise)
 
 

@@ -82,14 +82,17 @@ def normal_equations(
     """The equations at the null model's residuals `off`, of ln I in nats and of the range in m."""
     residual_i, residual_r = off
     # A Student-t is a normal whose precision follows a gamma law: (DEGREES + 1) / (DEGREES + z^2) is its expectation.
+    # Weights of the normal that touches each ray's Student-t at its residual: what lies far off weighs little.
     variance = intensity_variance(ev, noise)
     weight_i = jnp.where(ev.compared, (DEGREES + 1) / (DEGREES + residual_i**2 / variance) / variance, 0.0)
     spread = reading_variance(ev.rays, ev, noise)
+    # A reading of another surface tells nothing of the pose.
     near = jnp.abs(residual_r) < jnp.maximum(0.3, POSE_MOST * ev.rays.range_m)
     weight_r = jnp.where(ev.smooth & near, (DEGREES + 1) / (DEGREES + residual_r**2 / spread) / spread, 0.0)
     weighted = ev.features * weight_i[..., None]
     strips = _strips(ev, weight_i, weighted)
     surfaces = _surfaces(ev, strips)
+    # Of X'WX of the features, what strips and surfaces take up by levels of their own.
     gram = jnp.einsum("bcrp,bcrq->bpq", weighted, ev.features)
     gram = gram - strips.gram_of_levels(len(ev.scene)) - surfaces.gram_of_levels(len(ev.scene))
     # Only classes have a level in each street: gain and angles are the sensor's and the simulator's everywhere.
@@ -98,6 +101,7 @@ def normal_equations(
     mask = jnp.outer(classes, classes)[None]
     prior = jnp.diag(jnp.where(classes > 0, 1 / STREET_SD**2, 1.0))
     street = jnp.linalg.inv(gram * mask + prior[None]) * mask
+    # A pose is a small normal problem of its own in each block: six numbers, held by their prior.
     prior = jnp.diag(jnp.asarray(1 / POSE_SD**2, jnp.float32))
     information = jnp.einsum("bcri,bcrj,bcr->bij", ev.pose, ev.pose, weight_r) + prior[None]
     return NormalEquations(weight_i, weight_r, strips, surfaces, gram, street, jnp.linalg.inv(information))
@@ -189,6 +193,7 @@ def _sums(
     of_strip = jax.ops.segment_sum(weighted.reshape(-1), ev.strip.reshape(-1), len(ev.surface))
     # Of each strip's sum the share that its own level does not take up.
     of_surface = jax.ops.segment_sum(of_strip * strips.precision * strips.variance, ev.surface, len(ev.precision))
+    # X'W residual, with what the levels take up left out, as in the matrix.
     right = jnp.einsum("bcrp,bcr->bp", ev.features, weighted)
     right = right - strips.sums_of_levels(of_strip, blocks) - surfaces.sums_of_levels(of_surface, blocks)
     return of_strip, of_surface, right

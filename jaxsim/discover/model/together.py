@@ -51,8 +51,8 @@ def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) ->
                 problem = refitted(problem)
             # Values that are read off the data (steps of rounding) stay.
             read = effect.name in FINEST
-            own = {n: np.asarray(v) for n, v in to_values(effect, values[k]).items()}
-            starts: list[tuple[dict[str, Any], ...]] = [(own,)]
+            fitted_values = {n: np.asarray(v) for n, v in to_values(effect, values[k]).items()}
+            starts: list[tuple[dict[str, Any], ...]] = [(fitted_values,)]
             if sweep == 0 and others and effect.starts and not read:
                 starts.append(effect.starts)
             fits = [fit(effect, problem, problem.ev.all_blocks, starts=start, steps=80, fixed=read) for start in starts]

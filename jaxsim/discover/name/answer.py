@@ -16,7 +16,7 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.nulls import run_nulls
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
-from jaxsim.discover.name.unexplained import agreed, describe, free_curves
+from jaxsim.discover.name.unexplained import agreed, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.verdict import Nulls, Unexplained
@@ -138,7 +138,7 @@ def decide(
         if not steps:
             # With nothing left that is named, the problem is the null as it was.
             nothing = Choice((), choice.first_ranking, null, choice.bars, choice.refused)
-            return Answer("not_in_catalogue", nothing, describe(null, *outside), curve=outside)
+            return Answer("not_in_catalogue", nothing, describe_curve(null, *outside), curve=outside)
         if len(steps) < len(choice.steps):
             choice = replace(choice, steps=steps, problem=with_steps(null, steps))
     if not choice.steps:
@@ -166,7 +166,7 @@ def named_answer(
     rest = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     if not rest:
         return Answer("named", choice, None)
-    return Answer("named", choice, describe(choice.problem, *rest[0]), curve=rest[0])
+    return Answer("named", choice, describe_curve(choice.problem, *rest[0]), curve=rest[0])
 
 
 def outdone(choice: Choice, dependence: Dependence, curve: Candidate) -> bool:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, channels_of, fit, partway, score_at
 from jaxsim.discover.model.likelihood import rounded, rounding_gain
@@ -25,14 +25,14 @@ from jaxsim.discover.model.parameters import fitted_parameters
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, p_value
 from jaxsim.effects import Law
-from jaxsim.effects.places import spans_turn
+from jaxsim.effects.places import longest_run, spans_turn, within_turn
 from jaxsim.progress import Progress
 
 PAST_M = (0.02, 0.05, 0.1)
 """How far past a border between lost and returned rays a gate may lie."""
 BIN_RAD = np.deg2rad(1.0)
 """Width of the bins of azimuth in which a hidden sector is looked for."""
-BINS = 360
+TURN_BINS = 360
 """Bins of a turn."""
 
 Start = dict[str, float]
@@ -43,7 +43,7 @@ THREADS = 2
 def starts_of(problem: Problem) -> dict[str, tuple[Start, ...]]:
     """Further starts of a fit, by effect."""
     on_host = replace(problem, ev=jax.tree.map(np.asarray, problem.ev))
-    return {name: starts for name, read in READ.items() if (starts := read(on_host))}
+    return {name: starts for name, read in STARTS.items() if (starts := read(on_host))}
 
 
 def _ceiling(problem: Problem) -> tuple[Start, ...]:
@@ -82,7 +82,7 @@ def _sector(problem: Problem) -> tuple[Start, ...]:
     hit = ev.rays.hit
     azimuth_bin = np.floor((ev.rays.azimuth_rad[hit] + np.pi) / BIN_RAD).astype(int)
     if closed:
-        azimuth_bin %= BINS
+        azimuth_bin %= TURN_BINS
     # A hidden sector is a run of bins in which nearly every ray is lost.
     count = np.bincount(azimuth_bin)
     lost = np.bincount(azimuth_bin, ~ev.returned[hit])
@@ -94,25 +94,13 @@ def _sector(problem: Problem) -> tuple[Start, ...]:
     # The border lies between the last bin that is seen and the first that is hidden.
     ends = np.array([run[0] - 1, run[-1] + 1])
     turn, place = np.divmod(np.stack([run[[0, -1]], ends if closed else np.clip(ends, 0, len(seen) - 1)]), len(seen))
-    low, high = (seen[place] + BINS * turn).mean(0).tolist()
+    low, high = (seen[place] + TURN_BINS * turn).mean(0).tolist()
     width = (high - low) * BIN_RAD
     middle = within_turn(((low + high + 1) / 2) * BIN_RAD - np.pi)
     return tuple({"azimuth_rad": middle, "width_rad": share * width} for share in (0.7, 1.0, 1.4))
 
 
-def longest_run(flags: Bool[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, " k"]:
-    """Places of the longest run of flags that are set; of a `closed` ring they count on past its seam, from n on."""
-    # A ring is laid out twice: a run across its seam lies whole in the middle.
-    places = np.flatnonzero(np.tile(flags, 2) if closed else flags)
-    return max(np.split(places, np.flatnonzero(np.diff(places) > 1) + 1), key=len)[: len(flags)]
-
-
-def within_turn(azimuth_rad: float) -> float:
-    """The same azimuth from -pi to pi."""
-    return (azimuth_rad + np.pi) % (2 * np.pi) - np.pi
-
-
-READ: dict[str, Callable[[Problem], tuple[Start, ...]]] = {
+STARTS: dict[str, Callable[[Problem], tuple[Start, ...]]] = {
     "saturation": _ceiling,
     "range_gate": _gate,
     "sector_occlusion": _sector,

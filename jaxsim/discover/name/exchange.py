@@ -31,6 +31,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
+from jaxsim.effects.rays import Scan
 
 
 @dataclass(frozen=True)
@@ -105,17 +106,20 @@ def alike(division: Division, null: Problem) -> frozenset[str]:
 
 def exchange(comparison: Comparison, division: Division) -> Comparison:
     """The comparison with the sides exchanged. Classes and angles stay the simulator's: a sensor tells none."""
-    raw, meant = comparison.scan, division.simulator.scan
-    measured = comparison.measured
-    valid = np.asarray(measured.valid)
-    # Rays that the simulator lost by chance are put back in what it means.
-    hit = np.asarray(meant.hit)
-    scan = replace(
-        meant,
-        range_m=jnp.asarray(np.where(valid, measured.range_m, 0)),
-        intensity=jnp.asarray(np.where(valid, measured.intensity, 0)),
-        hit=jnp.asarray(hit & valid),
-    )
+    raw = comparison.scan
     reported = np.asarray(raw.hit)
     simulated = Measured(np.where(reported, raw.range_m, 0), np.where(reported, raw.intensity, 0), reported)
+    scan = _with_readings(division.simulator.scan, comparison.measured)
     return replace(comparison, scan=scan, measured=simulated)
+
+
+def _with_readings(meant: Scan, measured: Measured) -> Scan:
+    """What the simulator means, with the measured readings in place of its own."""
+    # Rays that the simulator lost by chance are put back in what it means.
+    valid = jnp.asarray(measured.valid)
+    return replace(
+        meant,
+        range_m=jnp.where(valid, measured.range_m, 0),
+        intensity=jnp.where(valid, measured.intensity, 0),
+        hit=jnp.asarray(meant.hit) & valid,
+    )

@@ -92,14 +92,19 @@ def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
     off_i, off_r = conditional_residuals(explained.ev, explained.equations, ev.all_blocks)
     shine = _brighter(explained, np.asarray(off_i), sign, rng=rng)
     reading, returns, log_keep = _readings(problem, explained, np.asarray(off_r), sign=sign, rng=rng)
-    lit = replace(ev.rays, log_intensity=jnp.where(ev.rays.hit, ev.rays.log_intensity + shine, ev.rays.log_intensity))
-    rays = replace(lit, reading_m=reading, hit=returns, log_keep=log_keep)
-    image = sample(jax.random.key(seed), _as_images(rays))
+    lit = np.where(ev.rays.hit, ev.rays.log_intensity + shine, ev.rays.log_intensity)
+    rays = replace(ev.rays, log_intensity=lit, reading_m=reading, hit=returns, log_keep=log_keep)
+    # A sensor that reports zeros reports one where the light is below its lowest reading.
+    zeros = bool((ev.intensity[np.asarray(ev.returned)] == 0).any())
+    return _with_readings(ev, rays, jax.random.key(seed), zeros=zeros)
+
+
+def _with_readings(ev: Evidence, rays: Rays, key: Array, *, zeros: bool) -> Evidence:
+    """The evidence with one draw of what these rays may say; `zeros`: light below the lowest reading reads 0."""
+    image = sample(key, _as_images(rays))
     drawn_m = jnp.swapaxes(image.range_m, -1, -2)
     drawn = jnp.swapaxes(image.intensity, -1, -2)
     returned = jnp.swapaxes(image.valid, -1, -2)
-    # A sensor that reports zeros reports one where the light is below its lowest reading.
-    zeros = bool((ev.intensity[np.asarray(ev.returned)] == 0).any())
     drawn = jnp.where(jnp.log(jnp.maximum(drawn, FLOOR)) < ev.lowest, 0.0, drawn) if zeros else drawn
     return replace(
         ev,
@@ -113,20 +118,20 @@ def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
 
 def _brighter(
     explained: Problem, residual_i: Array3, sign: Float[np.ndarray, " b"], *, rng: np.random.Generator
-) -> Float[Array, "b c r"]:
+) -> Array3:
     """Nats by which each surface shines brighter than simulated, noise included (b, c, r)."""
     ev, w = explained.ev, explained.equations
-    residual = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
+    residual = np.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
     levels = jax.tree.map(np.asarray, levels_of(ev, w, ev.all_blocks, residual=residual))
 
-    def own(level: np.ndarray, block: Array, share: Array) -> np.ndarray:
+    def drawn_level(level: np.ndarray, block: Array, share: Array) -> np.ndarray:
         # A predicted level lacks the variance that its rays leave open: prediction with its sign, and that much drawn
         # anew.
         return sign[np.asarray(block)] * level + np.sqrt(np.asarray(share)) * _normal(rng, level.shape)
 
     street = sign[:, None] * levels.street + _correlated(rng, np.asarray(w.street))
-    surface = own(levels.surface, w.surfaces.block, w.surfaces.variance)
-    strip = own(levels.strip, w.strips.block, w.strips.variance)
+    surface = drawn_level(levels.surface, w.surfaces.block, w.surfaces.variance)
+    strip = drawn_level(levels.strip, w.strips.block, w.strips.variance)
     drawn = levels.replace(features=levels.shared[None] + street, surface=surface, strip=strip)
     compared = np.asarray(explained_by(ev, drawn)) + sign[:, None, None] * residual_i
     # Of rays that are not compared there is no residual; their class's reflectance and noise stand in.
@@ -134,12 +139,12 @@ def _brighter(
     of_class = (levels.shared[0] + levels.shared[1 : 1 + len(kinds)])[kind.reshape(residual_i.shape)]
     # Student-t, as the likelihood has it.
     speckle = np.exp(float(explained.noise.intensity)) * rng.standard_t(DEGREES, residual_i.shape)
-    return jnp.asarray(np.where(np.asarray(ev.compared), compared, of_class + speckle), jnp.float32)
+    return np.where(np.asarray(ev.compared), compared, of_class + speckle).astype(np.float32)
 
 
 def _readings(
     problem: Problem, explained: Problem, residual_m: Array3, *, sign: Float[np.ndarray, " b"], rng: np.random.Generator
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array3, Bool[np.ndarray, "b c r"], Array3]:
     """Each ray's (b, c, r) reading, m; whether it may return; and the log of the probability that it does."""
     ev = explained.ev
     w = explained.equations
@@ -149,7 +154,7 @@ def _readings(
     shape = residual_m.shape
     # The pose: predicted and drawn like a level.
     pose = np.asarray(frame_poses(ev, w, ev.rays.reading_m, on=ev.returned & ev.rays.hit))
-    pose = jnp.asarray(sign[:, None] * pose + _correlated(rng, np.asarray(w.pose)), jnp.float32)
+    pose = (sign[:, None] * pose + _correlated(rng, np.asarray(w.pose))).astype(np.float32)
     reading = np.asarray(rays.reading_m + moved_by(ev, pose, rays.reading_m))
     usual = reading + np.sqrt(np.asarray(range_variance(ev, noise))) * rng.standard_t(DEGREES, shape)
 
@@ -170,10 +175,10 @@ def _readings(
     # Of a ray that hits nothing: its neighbour's surface or anything within reach, half and half.
     of_nothing = np.where((rng.random(shape) < 0.5) & has_neighbour, neighbour, anywhere)
 
-    reported = log_reported(rays, ev, noise)
-    false = ~hit & (rng.random(shape) < np.exp(np.asarray(reported)))
-    read = jnp.asarray(np.where(hit, of_surface, of_nothing), jnp.float32)
-    return read, jnp.asarray(hit | false), jnp.where(rays.hit, reported, 0.0)
+    reported = np.asarray(log_reported(rays, ev, noise))
+    false = ~hit & (rng.random(shape) < np.exp(reported))
+    read = np.where(hit, of_surface, of_nothing).astype(np.float32)
+    return read, hit | false, np.where(hit, reported, 0)
 
 
 def _one_beside(rays: Rays, rng: np.random.Generator) -> tuple[Float[np.ndarray, "b c r"], Bool[np.ndarray, "b c r"]]:

@@ -174,10 +174,10 @@ def second_choice(
     step, rival = begun
     log(f"{rival.effect.name} is simpler than {first.steps[step].chosen.effect.name}: once more, beginning with it")
     earlier = first.steps[:step]
-    place = with_steps(problem, earlier) if earlier else problem
+    with_others = with_steps(problem, earlier) if earlier else problem
     ranking = first.steps[step].ranking
     # What gained more only stood in for several, or the second choice will not hold.
-    instead = fitted_step(place, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
+    instead = fitted_step(with_others, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
     if refuse and refuse(instead):
         return first
     second = add_steps(problem, catalogue, (*earlier, instead), bars=bars, refuse=refuse, log=log)

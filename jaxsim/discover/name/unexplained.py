@@ -18,10 +18,10 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import fold_half_width
+from jaxsim.discover.scenes import attainable, fold_half_width
 from jaxsim.discover.verdict import Unexplained
 
-READ = {
+X_WORDS = {
     "range": "ln of range in m",
     "power": "ln of power",
     "intensity": "ln of intensity",
@@ -60,9 +60,7 @@ def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
 
 def sure(curve: Candidate) -> bool:
     """Whether the scenes agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
-    # Of few scenes not even perfect agreement falls below the level: then all must agree.
-    least = 2 * 2.0 ** -len(curve.by_scene)
-    return curve.chance <= max(RULES.curve_level, 1.01 * least) or curve.sudden
+    return curve.chance <= attainable(RULES.curve_level, len(curve.by_scene), tests=2) or curve.sudden
 
 
 def _varies(problem: Problem, covariate: str) -> bool:
@@ -71,7 +69,7 @@ def _varies(problem: Problem, covariate: str) -> bool:
     return len(np.unique(values_of(covariate, rays, np.asarray(rays.hit)))) > 2
 
 
-def describe(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
+def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
     """The curve over its covariate, its character, and a closed formula that comes near it."""
     rays = problem.ev.rays
     hit = np.asarray(rays.hit)
@@ -86,7 +84,7 @@ def describe(problem: Problem, dependence: Dependence, candidate: Candidate) -> 
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
     character, formula = shape_of(grid, y, weight, dependence=dependence)
     name = NAMED.get(dependence.covariate, dependence.covariate)
-    formula += f" (x: {READ.get(dependence.covariate, dependence.covariate)})"
+    formula += f" (x: {X_WORDS.get(dependence.covariate, dependence.covariate)})"
     return Unexplained(
         channel=dependence.channel,
         covariate=name,

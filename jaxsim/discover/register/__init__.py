@@ -63,7 +63,7 @@ class Free(NamedTuple):
         return np.diag((NOISE_M / np.asarray(self.sd)[self.numbers]) ** 2)
 
 
-TURNS_RAD = np.deg2rad([-2.4, -1.6, -0.8, 0.0, 0.8, 1.6, 2.4])
+START_TURNS_RAD = np.deg2rad([-2.4, -1.6, -0.8, 0.0, 0.8, 1.6, 2.4])
 """Yaws and pitches from the best of which the search begins ..."""
 AHEAD_M = np.arange(-6.0, 6.5)
 """... and ways along the heading by which a frame may be late or early ..."""
@@ -88,7 +88,7 @@ FINE = np.geomspace(0.5, 0.15, 8)
 """... and where frames begin near their place ..."""
 FINAL_STEPS = 6
 """... with the last so many times again ..."""
-FAR_M = 15.0
+TWICE_AT_M = 15.0
 """... and twice as wide at this range."""
 
 
@@ -102,8 +102,8 @@ def register(
     few = sides.thinned(EVERY)
 
     # All frames together, from the best of many turns; sides of one pose begin, and mostly stay, at 0.
-    start = np.zeros((len(TURNS_RAD) ** 2, NUMBERS))
-    yaw, pitch = np.meshgrid(TURNS_RAD, TURNS_RAD)
+    start = np.zeros((len(START_TURNS_RAD) ** 2, NUMBERS))
+    yaw, pitch = np.meshgrid(START_TURNS_RAD, START_TURNS_RAD)
     start[:, 5] = yaw.ravel()
     start[:, 4] = pitch.ravel()
     # Nearest first: of two beginnings that agree as well, the smaller motion is taken.
@@ -247,11 +247,11 @@ def _linear(
     return slope[..., free.numbers], weight, off
 
 
-def _off(met: Met, place: MeasuredPoints) -> Float[np.ndarray, "f n"]:
+def _off(met: Met, points: MeasuredPoints) -> Float[np.ndarray, "f n"]:
     """How far planes lie beyond points, m."""
-    return met.away_m - np.sum(met.normal * place, -1)
+    return met.away_m - np.sum(met.normal * points, -1)
 
 
 def _width(sides: RegisteredSides, width: float) -> Float[np.ndarray, "f n"]:
     # Neighbouring rays, and so the planes' errors, lie farther apart far off.
-    return width * (1 + sides.range_m / FAR_M)
+    return width * (1 + sides.range_m / TWICE_AT_M)

@@ -28,7 +28,11 @@ TRAVEL = 7
 NUMBERS = 8
 Motion = Float[np.ndarray, "*f 8"]
 MeasuredPoints = Float[np.ndarray, "f n 3"]
-PARTS = {"extrinsic_translation": slice(0, 3), "extrinsic_rotation": slice(3, 6), "beam_elevation_error": slice(6, 7)}
+MOTION_PARTS = {
+    "extrinsic_translation": slice(0, 3),
+    "extrinsic_rotation": slice(3, 6),
+    "beam_elevation_error": slice(6, 7),
+}
 """Parts of a motion: what each effect of a mounting, or of the table of beams, changes."""
 SCAN_S = 0.1
 """Time of a turn at 10 Hz, as `motion_distortion` has it."""
@@ -238,12 +242,12 @@ class Registration:
 
     @property
     def sure(self) -> tuple[str, ...]:
-        """The effects of PARTS of which the scenes agree that there is more than a frame's own pose, or noise, would
-        make."""
+        """The effects of MOTION_PARTS of which the scenes agree that there is more than a frame's own pose, or noise,
+        would make."""
         least = {"extrinsic_translation": RULES.moved_m, "extrinsic_rotation": RULES.turned_rad}
         return tuple(
             name
-            for name, part in PARTS.items()
+            for name, part in MOTION_PARTS.items()
             if np.linalg.norm(self.motion[part]) - np.linalg.norm(self.half[part]) > least.get(name, RULES.lifted_rad)
         )
 

@@ -30,7 +30,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.verdict import ClosedLaw, Interval, Unexplained
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.learned import UNITS, Learned
+from jaxsim.effects.learned import CHANGE_UNITS, Learned
 
 
 @dataclass(frozen=True)
@@ -221,4 +221,4 @@ def _divided(law: Learned) -> list[str]:
 
 
 def _level(value: float, channel: str) -> Interval:
-    return Interval(value, value, value, UNITS[channel])
+    return Interval(value, value, value, CHANGE_UNITS[channel])

@@ -15,18 +15,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from jaxsim.discover.name.unexplained import LETTER
 from jaxsim.discover.repeats.maps import Maps, PatternMap, PatternScale, scales
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import jackknife_half_width, p_value, signs_of
+from jaxsim.discover.scenes import attainable, jackknife_half_width, p_value, signs_of
 from jaxsim.discover.verdict import Interval, Repeat
 
-CHUNK = 256
+SIGNS_AT_ONCE = 256
 """Choices of signs that are looked at together."""
-UNITS = {"intensity": "nats", "range": "m", "drop": "share of rays"}
+HEIGHT_UNITS = {"intensity": "nats", "range": "m", "drop": "share of rays"}
 """Units of a pattern's height."""
-LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "Δ p(drop)"}
+LETTERS = {**LETTER, "drop": "Δ p(drop)"}
 """What a formula says of each channel."""
-LEAST = {
+LEAST_HEIGHT = {
     "intensity": RULES.repeats_least_nats,
     "range": RULES.repeats_least_m,
     "drop": RULES.repeats_least_lost,
@@ -69,7 +70,9 @@ def of_patterns(
     # A pattern that no scene shows anything of is infinitely unsure, not 0 / 0.
     spread = np.where(spread > 1e-9 * max(spread.max(initial=0), 1e-12), spread, np.inf)
     scaled = sums / spread
-    by_chance = [np.abs(signs[k : k + CHUNK] @ scaled).max(1, initial=0) for k in range(0, len(signs), CHUNK)]
+    by_chance = [
+        np.abs(signs[k : k + SIGNS_AT_ONCE] @ scaled).max(1, initial=0) for k in range(0, len(signs), SIGNS_AT_ONCE)
+    ]
     # A wave's size is told by cosines and sines, each of half its sum's variance.
     shared = (np.abs(sums.sum(0)) ** 2 - squares) * (2 if np.iscomplexobj(sums) else 1)
     return Agreement(np.abs(scaled.sum(0)), np.concatenate(by_chance), shared / np.maximum(information, 1e-12))
@@ -123,7 +126,7 @@ def find_repeats(
     *,
     bins: int,
     rounds: int = RULES.repeats_tried,
-    least: Mapping[str, float] = LEAST,
+    least: Mapping[str, float] = LEAST_HEIGHT,
 ) -> tuple[FoundPattern, ...]:
     """Patterns that scenes where `finding` share, and the others confirm, most certain first; each is looked for with
     the ones before taken out, and the chance of having looked at all scales, places and channels is paid for.
@@ -246,18 +249,18 @@ def common_size(maps: Maps, scale: PatternScale, channel: str) -> Interval:
 def _interval(value: float, without: Float[np.ndarray, " n"], channel: str) -> Interval:
     """The interval by what the value becomes `without` each of the scenes, widened as parameters' intervals are."""
     half = RULES.interval_widening * jackknife_half_width(without)
-    return Interval(float(value), float(value) - half, float(value) + half, UNITS[channel])
+    return Interval(float(value), float(value) - half, float(value) + half, HEIGHT_UNITS[channel])
 
 
 def convincing(p_judge: float, judges: int) -> bool:
     """Whether judge scenes show the pattern again, with the same sign and phase; of few scenes all must."""
-    return p_judge <= max(RULES.repeats_judge_level, 1.01 * 2.0**-judges)
+    return p_judge <= attainable(RULES.repeats_judge_level, judges)
 
 
 def repeat_of(
     channel: str, scale: PatternScale, k: int, *, phase: complex, size: Interval, p: float, p_judge: float
 ) -> Repeat:
     """The k-th pattern of a scale in words."""
-    height = f"{LETTER[channel]} ≈ {size.value:.3g}"
+    height = f"{LETTERS[channel]} ≈ {size.value:.3g}"
     formula = f"{height}·{scale.formula(k, phase)}" if scale.formula else f"{height}, {scale.words(k)}"
     return Repeat(channel, scale.name, scale.along, scale.words(k), scale.period(k), formula, size, p, p_judge)

@@ -26,7 +26,7 @@ from jaxsim.effects.rays import FLOOR
 
 MapSums = Float[np.ndarray, "n r c"]
 PatternMap = Float[np.ndarray, "r c"]
-SMALL = 0.1
+MADE_HEIGHT = 0.1
 """Height of a made pattern, nats and m: far from where levels and poses are clipped."""
 COIN = 0.01
 """Variance that every return has at least, so that no ray that surely returns decides."""
@@ -107,9 +107,9 @@ def maps_of(
             return np.asarray(conditional_residuals(alone, eq, blocks)[channel], np.float64)
 
         def response(pattern: PatternMap) -> MapSums:
-            made = SMALL * pattern[row, column]
+            made = MADE_HEIGHT * pattern[row, column]
             # What stays of it in the residuals makes weights smaller, on the side to which it points.
-            return summed(weight * only(made - steeper * only(made)) / SMALL)
+            return summed(weight * only(made - steeper * only(made)) / MADE_HEIGHT)
 
         return response
 

@@ -6,4 +6,15 @@ law, columns   the law of a reading in normal equations; its columns, and those 
 conditional    ln I given what both range images say, and the terms that may stand for an effect
 select, refine which effect the measured side has; its parameters
 lost           lost rays, and lattices
+
+What the law assumes, in nats unless said otherwise, and where it is set
+
+    a scene's level 0.3, its slopes over ln r 0.2, incidence 0.3 a rad, height 0.1 a m; patch of 4 m 0.25
+                                                               conditional.SCENE_SD, PATCH_SD, columns.PATCH_M
+    class 0.3; curvature; knots of a free curve 0.15; gain free
+                                                               evidence.CLASS_SD, conditional.CURVATURE_SD, CURVE_SD
+    coefficients of both sides' law: a ray's worth of pull     law.RIDGE
+    readings count within 3 robust standard deviations         conditional.HELD_WITHIN
+    parameters of effects as in the paired method              columns.DERIVATIVE_STEP, model.parameters.LOOSE
+    thresholds of the answer                                   Rules.unpaired_
 """

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS, Effect
 from jaxsim.effects.learned import hats
@@ -45,14 +46,12 @@ OF_LOSS = ("random_dropout", "sector_occlusion", "packet_loss")
 """Functions of row and azimuth alone: a ray that is lost has no range."""
 OF_READINGS = ("intensity_quantization", "range_quantization")
 """Read off the values themselves."""
-STEP = 0.25
+DERIVATIVE_STEP = 0.25
 """Part of a parameter's scale over which derivatives are taken."""
-FREE = 1e-4
+FREE_PRECISION = 1e-4
 """Precision of the size of a start's column: next to free."""
 PATCH_M = 4.0
 """Size of the cells of ground over which surfaces have a level of their own."""
-KNOTS = 10
-"""Knots of a free curve."""
 
 
 def untold(*, classes: bool) -> tuple[str, ...]:
@@ -107,7 +106,7 @@ def columns_of(effect: Effect, change: _Change, row: Int[np.ndarray, " n"], *, r
         of_rows = [name for name, p in fitted_parameters(effect).items() if p.shape == "row"]
         of_beams = derivatives(effect, start, change, row=row, rows=rows, names=of_rows)
         columns = np.concatenate([change(start)[:, None].astype(np.float32), of_beams.columns], axis=1)
-        result.append(Columns(effect, start, columns, np.concatenate([[FREE], of_beams.precision]), 1))
+        result.append(Columns(effect, start, columns, np.concatenate([[FREE_PRECISION], of_beams.precision]), 1))
     return result
 
 
@@ -130,7 +129,7 @@ def derivatives(
             continue
         now = np.asarray(values.get(name, p.neutral), float)
         # One-sided, and towards the inside at the upper bound: beyond a bound an effect need not make sense.
-        step = STEP * p.scale * np.where(now + STEP * p.scale > p.high, -1, 1)
+        step = DERIVATIVE_STEP * p.scale * np.where(now + DERIVATIVE_STEP * p.scale > p.high, -1, 1)
         # Per typical size of the parameter, so that one prior serves them all.
         slope = (change({**values, name: now + step}) - unchanged) / (step[row] if step.ndim else step) * p.scale
         if p.shape == "row":
@@ -163,8 +162,8 @@ def each(parts: np.ndarray, of: np.ndarray) -> Float[np.ndarray, "n k"]:
 def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
     """0 ground, 1 upright, 2 other, by height and normal."""
     # rise: vertical part of the normal, 1 on level ground and 0 on walls.
-    ground = (comparison.rise > 0.7) & (comparison.height_m < 0.4)
-    return np.where(ground, 0, np.where(comparison.rise < 0.5, 1, 2))
+    ground = (comparison.rise > RULES.unpaired_ground_rise) & (comparison.height_m < RULES.unpaired_ground_m)
+    return np.where(ground, 0, np.where(comparison.rise < RULES.unpaired_upright_rise, 1, 2))
 
 
 def ray_classes(comparison: UnpairedComparison) -> np.ndarray:
@@ -214,9 +213,9 @@ def curve_columns(comparison: UnpairedComparison) -> dict[str, Float[np.ndarray,
     """Free curves of the measured side along the covariates that both sides have."""
     r = comparison.rays
     curves = {
-        "range": curve(np.log(r.range_m), KNOTS),
-        "incidence": curve(r.incidence_rad, KNOTS),
-        "azimuth": curve(r.azimuth_rad, KNOTS),
+        "range": curve(np.log(r.range_m), RULES.knots),
+        "incidence": curve(r.incidence_rad, RULES.knots),
+        "azimuth": curve(r.azimuth_rad, RULES.knots),
         "row": one_hot(r.row, np.arange(comparison.rows)),
     }
     return {**curves, "class": one_hot(ray_classes(comparison))} if comparison.shared_classes else curves

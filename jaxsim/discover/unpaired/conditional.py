@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.model.evidence import CLASS_SD
 from jaxsim.discover.unpaired.columns import (
     OF_CLASSES,
     OF_INTENSITY,
@@ -39,15 +40,13 @@ from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M, Rays
 
-CLIP = 3.0
+HELD_WITHIN = 3.0
 """Robust standard deviations about each side's own law at which readings are held."""
 PATCH_SD = 0.25
 """Standard deviation of the level of a patch of ground, nats."""
 SCENE_SD = (0.3, 0.2, 0.3, 0.1)
 """Standard deviations of a scene's level, and of its slopes over ln r, incidence (rad) and height (m), for each kind of
 surface."""
-CLASS_SD = 0.3
-"""Standard deviation of a class's reflectance about the simulator's, nats."""
 CURVATURE_SD = 0.003
 """Standard deviation of the coefficient of 0.5 sec(incidence)**2, which noise on normals leaves."""
 CURVE_SD = 0.15
@@ -56,7 +55,7 @@ LEVEL_PRECISION = 1e-4
 """Precision of the overall gain: next to free."""
 COMMON = 0.01
 """Classes of a smaller share of the simulated rays have no level of their own."""
-QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+READING_QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """The quantiles at which the simulator's readings about the law stand for all of them: effects are not linear in ln
 I."""
 INFLATION_DRAWS = 40
@@ -91,7 +90,7 @@ class Conditional:
     rays: Rays
     """Intensities are the law's."""
     spread: Float[np.ndarray, " q"]
-    """Quantiles of simulated readings about the law at QUANTILES, nats."""
+    """Quantiles of simulated readings about the law at READING_QUANTILES, nats."""
     find: Bool[np.ndarray, " s"]
     variance: float
     """Variance of readings within a patch, nats squared."""
@@ -137,7 +136,7 @@ def compare(
     by_law = equations_of(np.concatenate([mixture, y[:, None]], axis=1))
     expected = law @ _regressed(by_law, (find & ~comparison.measured).astype(float))
     predicted = expected[:, -1]
-    spread = np.quantile((y - predicted)[simulated], QUANTILES)
+    spread = np.quantile((y - predicted)[simulated], READING_QUANTILES)
     # The law is the readings' mean: what stands for them must lie about it.
     spread = spread - spread.mean()
     rays = _as_predicted(comparison.rays, predicted)
@@ -215,14 +214,14 @@ def _ridge(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _clipped(y: np.ndarray, law: np.ndarray, learn: np.ndarray, *, sensed: np.ndarray) -> Float[np.ndarray, " n"]:
-    """Readings held within CLIP of their side's own law."""
+    """Readings held within HELD_WITHIN of their side's own law."""
     y = y.copy()
     for side in (sensed, ~sensed):
         for _ in range(2):
             middle = law[side] @ _ridge(law[side & learn], y[side & learn])
             off = y[side] - middle
             # 1.4826: from a median absolute deviation to a normal's standard deviation.
-            reach = CLIP * 1.4826 * np.median(np.abs(off[learn[side]]))
+            reach = HELD_WITHIN * 1.4826 * np.median(np.abs(off[learn[side]]))
             y[side] = middle + np.clip(off, -reach, reach)
     return y
 

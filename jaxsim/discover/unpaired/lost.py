@@ -15,20 +15,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.name.candidates import longest_run, within_turn
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import chance_of, difference_interval
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.discover.verdict import Interval, Named
 from jaxsim.effects import EFFECTS
-from jaxsim.effects.places import spans_turn
+from jaxsim.effects.places import longest_run, spans_turn, within_turn
 from jaxsim.frame import PolarGrid
-
-ROW_PARTS = 3
-SECTORS = 6
-"""Parts of the rows and of the azimuth whose losses are compared."""
-DRAWS = 2000
-"""Exchanges of scenes between the sides."""
 
 
 @dataclass(frozen=True)
@@ -134,11 +127,11 @@ def _single_rays(
     parts = {
         "row": [
             float(np.mean(measured.share(np.isin(row_numbers, part), columns)))
-            for part in np.array_split(np.flatnonzero(rows), ROW_PARTS)
+            for part in np.array_split(np.flatnonzero(rows), RULES.unpaired_parts[0])
         ],
         "azimuth": [
             float(np.mean(measured.share(rows, columns & np.isin(column_numbers, part))))
-            for part in np.array_split(column_numbers, SECTORS)
+            for part in np.array_split(column_numbers, RULES.unpaired_parts[1])
         ],
     }
     uneven = {name: shares for name, shares in parts.items() if max(shares) > RULES.unpaired_uneven * min(shares)}
@@ -164,7 +157,7 @@ def _compared(measured: Float[np.ndarray, " s"], simulated: Float[np.ndarray, " 
     both = np.concatenate([measured, simulated])
     n = len(measured)
     seen = measured.mean() - simulated.mean()
-    drawn = np.array([both[rng.permutation(len(both))] for _ in range(DRAWS)])
+    drawn = np.array([both[rng.permutation(len(both))] for _ in range(RULES.unpaired_lost_exchanges)])
     p = chance_of(drawn[:, :n].mean(1) - drawn[:, n:].mean(1), seen)
     return p, Interval(float(seen), *difference_interval(measured, simulated), "share of rays")
 

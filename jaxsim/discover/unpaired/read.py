@@ -28,9 +28,6 @@ from jaxsim.geometry.polar import directions
 
 PER_SCENE = 4000
 """Rays of a scene that are looked at."""
-FLAT_RISE = 0.9
-"""Vertical part of the normal above which a surface is level; the median height of those under the sensor is the
-ground's."""
 
 
 @dataclass(frozen=True)
@@ -246,7 +243,7 @@ def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.nda
         has_normal[k] = np.asarray(sure)
     for side in (slice(None, simulated), slice(simulated, None)):
         # Roofs of cars and bridges are level too, but not below the sensor.
-        level = has_normal[side] & (rise[side] > FLAT_RISE) & (height[side] < -0.3)
+        level = has_normal[side] & (rise[side] > RULES.unpaired_level_rise) & (height[side] < -RULES.unpaired_below_m)
         if level.any():
             # Zero is the ground under each side's own sensor, whatever height its grid claims.
             height[side] -= np.median(height[side][level])

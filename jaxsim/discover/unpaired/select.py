@@ -26,9 +26,9 @@ from jaxsim.discover.unpaired.conditional import Conditional, Term
 from jaxsim.discover.unpaired.law import Block, Solution, lowered, solve
 from jaxsim.discover.verdict import Unexplained
 
-CURVES = ("range", "incidence", "azimuth")
+CURVES_ALONG = ("range", "incidence", "azimuth")
 """Free curves that are no effect of the catalogue; one along the row is beam_gain."""
-DRAWS = 100
+BAND_DRAWS = 100
 """Draws of the bootstrap over scenes that a curve's band is taken from, the curve itself included."""
 NORMAL_REACH = 1.645
 """Standard deviations to either side within which a normal number lies with 90 %."""
@@ -175,7 +175,7 @@ def outside_catalogue(
     problem: Conditional, choice: UnpairedChoice, curves: Sequence[UnpairedCandidate]
 ) -> Unexplained | None:
     """The best free curve if it gains so much more than the best effect that it is none of them."""
-    good = [one for one in curves if one.accepted and one.name in CURVES]
+    good = [one for one in curves if one.accepted and one.name in CURVES_ALONG]
     best = choice.steps[0].chosen.total if choice.steps else 0.0
     if good and good[0].total > RULES.unpaired_curve_factor * best + RULES.curve_margin_nats:
         return _described(problem, good[0])
@@ -190,7 +190,7 @@ def _described(problem: Conditional, curve: UnpairedCandidate) -> Unexplained:
     rng = np.random.default_rng(0)
     fits = [_heights(problem, curve, problem.weight)]
     # Scenes are drawn with replacement: rays of one scene are no independent witnesses.
-    for _ in range(DRAWS - 1):
+    for _ in range(BAND_DRAWS - 1):
         drawn = rng.choice(scenes, len(scenes))
         fits.append(_heights(problem, curve, np.bincount(drawn, minlength=len(problem.find)).astype(float)))
     # A knot lies where its hat function is high.

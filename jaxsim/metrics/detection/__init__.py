@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.geometry.boxes import DIFFICULTIES
 from jaxsim.metrics.detection.files import Objects, read_detections, read_truth
 from jaxsim.metrics.detection.matching import (
-    CLASSES,
-    COLUMNS,
-    DIFFICULTIES,
     METRICS,
     OVERLAP_SETS,
+    PRINTED_COLUMNS,
+    SCORED,
     SLOTS,
     MatchingRules,
     Pairs,
@@ -41,11 +41,11 @@ from jaxsim.metrics.detection.matching import (
 )
 
 __all__ = [
-    "CLASSES",
-    "COLUMNS",
     "DIFFICULTIES",
     "METRICS",
     "OVERLAP_SETS",
+    "PRINTED_COLUMNS",
+    "SCORED",
     "Curve",
     "MatchingRules",
     "Objects",
@@ -102,7 +102,7 @@ def evaluate(
     detections: Objects,
     *,
     rules: MatchingRules = "official",
-    classes: Sequence[str] = tuple(CLASSES),
+    classes: Sequence[str] = tuple(SCORED),
     done: Callable[[], object] = lambda: None,
 ) -> list[Curve]:
     """Curves of every class, difficulty, overlap set and metric; `aos` where all detections have an alpha.
@@ -114,9 +114,9 @@ def evaluate(
     """
     if truth.names != detections.names:
         raise ValueError(f"evaluate: {len(truth.names)} frames of labels, {len(detections.names)} others of detections")
-    unknown = [kind for kind in classes if kind not in CLASSES]
+    unknown = [kind for kind in classes if kind not in SCORED]
     if unknown:
-        raise ValueError(f"evaluate: unknown class {unknown[0]!r}; known: {', '.join(CLASSES)}")
+        raise ValueError(f"evaluate: unknown class {unknown[0]!r}; known: {', '.join(SCORED)}")
     if rules == "official" and (broken := np.flatnonzero(truth.occluded != np.round(truth.occluded))).size:
         raise ValueError(
             f"evaluate: occluded is {truth.occluded[broken[0]]:g} in the label of {truth.names[truth.frame[broken[0]]]}"
@@ -152,9 +152,9 @@ def evaluate(
                     minimum = least[kind][k]
                     if minimum not in known:
                         known[minimum] = _count(frames, flags, metric, minimum=minimum)
-                    place = {"kind": kind, "difficulty": name, "overlap_set": overlap_set, "min_overlap": minimum}
+                    criterion = {"kind": kind, "difficulty": name, "overlap_set": overlap_set, "min_overlap": minimum}
                     for measure in (metric, "aos") if metric == "bbox" and oriented else (metric,):
-                        curves.append(_curve(known[minimum], measure, **place))
+                        curves.append(_curve(known[minimum], measure, **criterion))
                     done()
     return curves
 

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from jaxsim.geometry.boxes import pair_overlap
+from jaxsim.geometry.boxes import Difficulty, pair_overlap
 from jaxsim.metrics.detection.files import Objects
 
 MatchingRules = Literal["official", "openpcdet"]
@@ -28,22 +28,7 @@ _LEAST_PAIRS = 1024
 _MOST_PAIRS = 1 << 18
 
 
-class Difficulty(NamedTuple):
-    """Least height of the box in the image, and the most that a labelled object may be hidden."""
-
-    height_px: float
-    occluded: int
-    truncated: float
-
-
-DIFFICULTIES = {
-    # MIN_HEIGHT, MAX_OCCLUSION and MAX_TRUNCATION of the devkit.
-    "easy": Difficulty(40, 0, 0.15),
-    "moderate": Difficulty(25, 1, 0.30),
-    "hard": Difficulty(25, 2, 0.50),
-}
-
-CLASSES = {"Car": "Van", "Pedestrian": "Person_sitting", "Cyclist": None}
+SCORED = {"Car": "Van", "Pedestrian": "Person_sitting", "Cyclist": None}
 """Each class, and the one that a detector may take for it at no cost."""
 
 OVERLAP_SETS: dict[str, dict[str, tuple[float, float, float]]] = {
@@ -52,13 +37,13 @@ OVERLAP_SETS: dict[str, dict[str, tuple[float, float, float]]] = {
 }
 """Overlap that a match must exceed, for METRICS; sets are named after Car's. In the image it is the same in both."""
 
-COLUMNS = (("3d", "0.7"), ("bev", "0.7"), ("3d", "0.5"), ("bev", "0.5"), ("bbox", "0.7"), ("aos", "0.7"))
+PRINTED_COLUMNS = (("3d", "0.7"), ("bev", "0.7"), ("3d", "0.5"), ("bev", "0.5"), ("bbox", "0.7"), ("aos", "0.7"))
 """Metric and overlap set of the columns that papers print."""
 
 
 def truth_flags(truth: Objects, kind: str, difficulty: Difficulty, *, rules: MatchingRules) -> Int[np.ndarray, " n"]:
     """Flags of labelled objects. A height of exactly the limit counts in the official tool, not in OpenPCDet."""
-    names, neighbour = truth.lower_kind, CLASSES[kind]
+    names, neighbour = truth.lower_kind, SCORED[kind]
     height = truth.bbox_px[:, 3] - truth.bbox_px[:, 1]
     low = height < difficulty.height_px if rules == "official" else height <= difficulty.height_px
     hidden = (truth.occluded > difficulty.occluded) | (truth.truncated > difficulty.truncated) | low

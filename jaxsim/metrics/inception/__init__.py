@@ -25,12 +25,12 @@ from jaxsim.frame import Array
 from jaxsim.metrics.inception.network import WIDTHS, Inception, InceptionForm
 from jaxsim.weights import Arrays, Converter, checked_arrays, fingerprint, load_weights, weights_kind
 
-__all__ = ["CONVERTERS", "KINDS", "WIDTHS", "Extractor", "load_extractor", "open_extractor", "random_extractor"]
+__all__ = ["CONVERTERS", "FORM_OF_KIND", "WIDTHS", "Extractor", "load_extractor", "open_extractor", "random_extractor"]
 
 BATCH_NORM_EPS = 1e-3
-CLASSES: dict[InceptionForm, int] = {"torchvision": 1000, "pytorch_fid": 1008}
+OUTPUTS: dict[InceptionForm, int] = {"torchvision": 1000, "pytorch_fid": 1008}
 """Outputs of the classifier, which is not used: the only shape in which the two state dicts differ."""
-KINDS: dict[str, InceptionForm] = {"inception": "torchvision", "inception_fid": "pytorch_fid"}
+FORM_OF_KIND: dict[str, InceptionForm] = {"inception": "torchvision", "inception_fid": "pytorch_fid"}
 """Kind of converted weights -> the form of the network that they are for."""
 CONVERTERS = {
     "inception": Converter(
@@ -47,7 +47,7 @@ CONVERTERS = {
     ),
 }
 """What `jaxsim convert` makes of published weights."""
-SIZE = 299
+INPUT_SIZE = 299
 _Matrix = Float[np.ndarray, "new old"]
 
 
@@ -70,7 +70,7 @@ def published_shapes(form: InceptionForm, *, classifier: bool = True) -> dict[st
     for name, (rows, columns, channels, width) in _convolutions(form).items():
         shapes[f"{name}.conv.weight"] = (width, channels, rows, columns)
         shapes |= {f"{name}.bn.{part}": (width,) for part in ("weight", "bias", "running_mean", "running_var")}
-    return shapes | ({"fc.weight": (CLASSES[form], WIDTHS[-1]), "fc.bias": (CLASSES[form],)} if classifier else {})
+    return shapes | ({"fc.weight": (OUTPUTS[form], WIDTHS[-1]), "fc.bias": (OUTPUTS[form],)} if classifier else {})
 
 
 def _folded(arrays: Arrays, form: InceptionForm) -> Any:
@@ -153,10 +153,12 @@ def load_extractor(path: Path, width: int = WIDTHS[-1]) -> Extractor:
     Raises FileNotFoundError or ValueError, which say what to fetch and convert.
     """
     kind = weights_kind(path) or "inception"
-    if kind not in KINDS:
-        raise ValueError(f"inception: {path} holds {kind}; the distance takes {' or '.join(KINDS)} (jaxsim convert)")
+    if kind not in FORM_OF_KIND:
+        raise ValueError(
+            f"inception: {path} holds {kind}; the distance takes {' or '.join(FORM_OF_KIND)} (jaxsim convert)"
+        )
     weights = load_weights(path, kind, CONVERTERS[kind])
-    form = KINDS[kind]
+    form = FORM_OF_KIND[kind]
     values = jax.device_put(_folded(weights.arrays, form))
     return Extractor(form, values, weights.sha256, weights.published, width=_checked(width))
 
@@ -225,6 +227,6 @@ def prepared_images(images: Float[Array, "b h w c"], form: InceptionForm) -> Flo
     images = jnp.clip(images, -1.0, 1.0) if form == "torchvision" else images
     matrix = bicubic if form == "torchvision" else bilinear
     product = partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
-    images = product("bhwc,ih->biwc", images, matrix(SIZE, rows))
-    images = product("biwc,jw->bijc", images, matrix(SIZE, columns))
+    images = product("bhwc,ih->biwc", images, matrix(INPUT_SIZE, rows))
+    images = product("biwc,jw->bijc", images, matrix(INPUT_SIZE, columns))
     return jnp.broadcast_to(images, (*images.shape[:-1], 3))

@@ -17,7 +17,7 @@ from jaxsim.geometry import pad_cloud, project, scatter_nearest
 from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
 
 _NEAREST_M = 0.1
-REACH_M = 120.0
+TRUTH_REACH_M = 120.0
 """True depth beyond a LiDAR's reach is left out, as no sweep could tell it; it would rule a squared error."""
 
 
@@ -68,7 +68,7 @@ def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
 
     intrinsics = np.array(view.camera.intrinsics, np.float32)
     intrinsics[:2, 2] -= left, top  # the principal point moves by what is cut off
-    known = np.asarray(view.depth_valid) & (np.asarray(view.depth_m) < REACH_M)
+    known = np.asarray(view.depth_valid) & (np.asarray(view.depth_m) < TRUTH_REACH_M)
     return DepthFrame(cut(view.rgb), cut(sparse_m), cut(given), cut(view.depth_m), cut(known), intrinsics)
 
 

@@ -21,7 +21,7 @@ from jaxsim.weights import checked_arrays, read_state_dict
 NAME = "embedded"
 FOLDER = Path(__file__).parent
 FILES = ("config.json", "generator.npz")
-SUMS = "SHA256SUMS"
+SUMS_FILE = "SHA256SUMS"
 Tree = Any
 
 
@@ -47,10 +47,10 @@ def read_embedded(folder: Path = FOLDER) -> tuple[Run, Tree]:
 def check(folder: Path) -> None:
     """Raises ValueError where a file is missing or differs from its SHA-256."""
     again = "the installation is damaged; install jaxsim-lidar again (pip install --force-reinstall --no-deps ...)"
-    missing = [name for name in (*FILES, SUMS) if not (folder / name).is_file()]
+    missing = [name for name in (*FILES, SUMS_FILE) if not (folder / name).is_file()]
     if missing:
         raise ValueError(f"embedded sensor: {', '.join(missing)} not in {folder}; {again}")
-    sums = (folder / SUMS).read_text().splitlines()
+    sums = (folder / SUMS_FILE).read_text().splitlines()
     for name in FILES:
         if f"{sha256(folder / name)}  {name}" not in sums:
             raise ValueError(f"embedded sensor: {folder / name} is not the file that was packaged; {again}")

@@ -22,7 +22,7 @@ from jaxsim.config import CloudRecipe, DataConfig, DetectorExperiment, Experimen
 from jaxsim.files import claim, parse_json, parse_settings
 
 REAL = "real"
-KINDS: dict[str, tuple[CloudRecipe, str]] = {
+CLOUD_KINDS: dict[str, tuple[CloudRecipe, str]] = {
     "raw_64": (CloudRecipe(source="depth", lines="64"), "depth alone, intensity 0, 64 lines"),
     "raw_32": (CloudRecipe(source="depth", lines="32_of_64"), "depth alone, intensity 0, 32 lines"),
     "simulated_64": (CloudRecipe(source="simulated", lines="64"), "intensity and lost rays of the network, 64 lines"),
@@ -89,7 +89,7 @@ class Loop:
 
     def recipe(self, kind: str) -> CloudRecipe:
         """How clouds of a kind are made."""
-        recipe = KINDS[kind][0]
+        recipe = CLOUD_KINDS[kind][0]
         return replace(recipe, lines=self.config.lines_32) if kind == "raw_32" else recipe
 
     def intensity_experiment(self) -> Experiment:

@@ -32,7 +32,7 @@ from jaxsim.studies.real2sim2real import REAL
 Counts = Mapping[str, CloudCounts]
 """What the clouds of each kind hold."""
 Shares = Float[np.ndarray, " n"]
-COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
+KIND_COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
 """Colours of real, then of the kinds in their order."""
 _LEFT = 60
 _TOP = 40
@@ -97,7 +97,7 @@ def intensity_chart(counts: Counts, kind: str) -> Canvas:
 
 def drop_picture(counts: Counts) -> Rgb:
     """Share of the scenes in which a direction returns nothing, a panel each kind of cloud; the key below."""
-    maps = {f"{kind}: share without a return": drop_map(own) for kind, own in counts.items()}
+    maps = {f"{kind}: share without a return": drop_map(of_kind) for kind, of_kind in counts.items()}
     columns = next(iter(maps.values())).shape[1]
     key = np.broadcast_to(np.linspace(0, 1, columns), (max(columns // 60, 1), columns))
     maps["key: 0, every scene returns (left), to 1, none does (right)"] = key
@@ -127,7 +127,7 @@ def epochs_chart(curves: Mapping[str, Sequence[Sequence[float]]]) -> Canvas | No
     for k, seeds in enumerate(curves.values()):
         if not seeds:
             continue
-        colour = COLOURS[k]
+        colour = KIND_COLOURS[k]
         values = np.array([one[-count:] for one in seeds], float)
         for one in values if len(values) > 1 else ():
             canvas.line(np.column_stack([x, _TOP + height * (1 - one / top)]), colour=colour, width=0.5)
@@ -144,7 +144,7 @@ def _colour_key(canvas: Canvas, kinds: Sequence[str]) -> None:
     """A line and a name for each kind of cloud, along the top."""
     for k, kind in enumerate(kinds):
         x = _LEFT + k * _KEY
-        canvas.line([(x, 14), (x + 20, 14)], colour=COLOURS[k], width=2)
+        canvas.line([(x, 14), (x + 20, 14)], colour=KIND_COLOURS[k], width=2)
         canvas.text(x + 25, 18, kind, size=12)
 
 
@@ -159,8 +159,8 @@ def _rules(canvas: Canvas, marks: Sequence[float], *, left: float, width: float,
 def _shares(counts: Counts, panel: _Panel) -> dict[str, Shares]:
     """Each kind of cloud's share of points in each bin of the chart, where it has any."""
     shares = {}
-    for name, own in counts.items():
-        histogram = own.histograms.get(panel.kind, {}).get(panel.quantity)
+    for name, of_kind in counts.items():
+        histogram = of_kind.histograms.get(panel.kind, {}).get(panel.quantity)
         if histogram is not None and histogram.sum():
             shares[name] = histogram.reshape(-1, panel.together).sum(1) / histogram.sum()
     return shares
@@ -200,9 +200,9 @@ def _draw(canvas: Canvas, counts: Counts, panel: _Panel, *, left: float) -> None
         if name in shares:
             seen = (middles > first) & (middles < last)
             points = [(x_of(float(m)), float(y)) for m, y in zip(middles[seen], y_of(shares[name][seen]), strict=True)]
-            canvas.line(points, colour=COLOURS[k], width=1.8)
+            canvas.line(points, colour=KIND_COLOURS[k], width=1.8)
             for x, y in points:
-                canvas.dot(x, y, colour=COLOURS[k], radius=1.5)
+                canvas.dot(x, y, colour=KIND_COLOURS[k], radius=1.5)
 
 
 def _span(shares: Mapping[str, Shares], edges: Float[np.ndarray, " m"], step: float) -> tuple[float, float]:
@@ -222,7 +222,7 @@ def _round_up(value: float) -> float:
 
 def cloud_measures(counts: Counts, kind: str) -> dict[str, dict[str, float]]:
     """Measures of all kinds of clouds for one class; `counts` holds `real` and the others."""
-    return compare_clouds(counts[REAL], {name: own for name, own in counts.items() if name != REAL}, kind)
+    return compare_clouds(counts[REAL], {name: of_kind for name, of_kind in counts.items() if name != REAL}, kind)
 
 
 def check_tables(counts: Counts, first: str) -> dict[str, Table]:

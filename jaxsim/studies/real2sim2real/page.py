@@ -12,11 +12,11 @@ from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
 from jaxsim.report.boxes import draw_above
 from jaxsim.report.canvas import Canvas, save_figure
-from jaxsim.report.page import NOTHING, figure, image, join_parts, paragraph, section, table, whole_page
+from jaxsim.report.page import EMPTY, figure, image, join_parts, paragraph, section, table, whole_page
 from jaxsim.report.pictures import Rgb, beside
 from jaxsim.report.results import write_results
 from jaxsim.report.scenes import TurnedScene, cloud_with_boxes, turning
-from jaxsim.studies.real2sim2real import KINDS, Loop
+from jaxsim.studies.real2sim2real import CLOUD_KINDS, Loop
 from jaxsim.studies.real2sim2real.charts import WORDS, Counts, check_tables, epochs_chart, write_checks
 from jaxsim.studies.real2sim2real.scores import (
     HEADS,
@@ -48,7 +48,7 @@ def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb], *, cloud
 
 def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, clouds: Sequence[TurnedScene]) -> str:
     def drawn(name: str, words: str) -> Markup:
-        return figure(image(pictures[name], words), words) if name in pictures else NOTHING
+        return figure(image(pictures[name], words), words) if name in pictures else EMPTY
 
     checks, config = check_tables(counts, loop.target), loop.config
 
@@ -59,7 +59,7 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
 
     turned, scenes = turning(clouds, "Labelled cars are green, found ones orange; the crossed side is the front.")
     heads = ("difficulty", "labels", *HEADS)
-    known = join_parts(paragraph(f"{kind}: {KINDS[kind][1]}.") for kind in config.kinds)
+    known = join_parts(paragraph(f"{kind}: {CLOUD_KINDS[kind][1]}.") for kind in config.kinds)
     return whole_page(
         title="jaxsim: Real2Sim2Real",
         sentence=answer(loop),

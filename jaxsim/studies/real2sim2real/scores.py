@@ -14,7 +14,7 @@ from annotated_types import Ge, Le
 from jaxsim.config.ranges import Whole
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import read_entry, write_text
-from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
+from jaxsim.metrics.detection import DIFFICULTIES, PRINTED_COLUMNS, Curve
 from jaxsim.report.results import markdown_table
 from jaxsim.studies.real2sim2real import REAL, Loop
 from jaxsim.studies.real2sim2real.charts import Counts, check_text, plain_rows
@@ -121,7 +121,7 @@ def read_average(loop: Loop, trained: str, judged: str, *, column: tuple[str, st
 
 def epochs_on_real(loop: Loop) -> dict[str, list[list[float]]]:
     """Kind -> for each seed, moderate 3D AP on real clouds at its last checkpoints; none where no label counts."""
-    key = " ".join((*COLUMNS[0], "moderate"))
+    key = " ".join((*PRINTED_COLUMNS[0], "moderate"))
     curves = {}
     for kind in (REAL, *loop.config.kinds):
         seeds = [of_seed for seed in loop.config.seeds if (of_seed := read_checkpoints(loop, kind, REAL, seed=seed))]
@@ -137,8 +137,8 @@ def score_rows(loop: Loop, *, of_real: bool) -> list[tuple[str, str, list[tuple[
     for kind in loop.config.kinds if of_real else loop.trained:
         trained, judged = (REAL, kind) if of_real else (kind, REAL)
         for difficulty in DIFFICULTIES:
-            theirs = paper.get(kind, {}).get(difficulty) or [None] * len(COLUMNS)
-            ours = [read_average(loop, trained, judged, column=c, difficulty=difficulty) for c in COLUMNS]
+            theirs = paper.get(kind, {}).get(difficulty) or [None] * len(PRINTED_COLUMNS)
+            ours = [read_average(loop, trained, judged, column=c, difficulty=difficulty) for c in PRINTED_COLUMNS]
             rows.append((kind, difficulty, list(zip(ours, theirs, strict=True))))
     return rows
 
@@ -147,7 +147,7 @@ def answer(loop: Loop) -> str:
     """Whether simulated intensity was worth anything: moderate 3D AP on real clouds, against depth alone."""
 
     def moderate(kind: str) -> Average | None:
-        return read_average(loop, kind, REAL, column=COLUMNS[0], difficulty="moderate")
+        return read_average(loop, kind, REAL, column=PRINTED_COLUMNS[0], difficulty="moderate")
 
     simulated, raw = moderate("simulated_64"), moderate("raw_64")
     if simulated is None or raw is None:

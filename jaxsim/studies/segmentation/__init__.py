@@ -28,14 +28,14 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from jaxsim.config import SegmentationConfig
-from jaxsim.data.range_images import NAMES
+from jaxsim.data.range_images import CLASSES_FILE
 from jaxsim.data.synthetic import SyntheticWorld
-from jaxsim.data.synthetic.labelled import CLASSES, write_labelled
+from jaxsim.data.synthetic.labelled import LABEL_CLASSES, write_labelled
 from jaxsim.data.synthetic.world import FRAMES_PER_DRIVE
 from jaxsim.files import claim, parse_json, parse_settings, write_text
 from jaxsim.progress import Progress
 from jaxsim.report.results import write_results
-from jaxsim.studies.segmentation.iou import KINDS
+from jaxsim.studies.segmentation.iou import INTENSITIES
 from jaxsim.studies.segmentation.study import Study
 
 SUBURB, TOWN = "suburb", "town"
@@ -64,7 +64,7 @@ def run_segmentation(config: SegmentationConfig) -> Path:
         study = Study.of_folders(config, *_embedded(config.out / "images", config.frames))
     for part in Progress(study.rounds, desc="judging", unit="part"):
         for seed in config.seeds:
-            for kind in KINDS:
+            for kind in INTENSITIES:
                 study.score(kind, part, seed)
     text = study.text()
     _log.info(text)
@@ -78,7 +78,7 @@ def _embedded(folder: Path, frames: int) -> tuple[Path, Path]:
         world = SyntheticWorld(seed, streets=f"wet_{streets}")
         indices = range(0, FRAMES_PER_DRIVE * count, FRAMES_PER_DRIVE)
         write_labelled(folder / streets, world, Progress(indices, desc=f"rendering the {streets}", unit="frame"))
-        write_text(folder / streets / NAMES, json.dumps(CLASSES))
+        write_text(folder / streets / CLASSES_FILE, json.dumps(LABEL_CLASSES))
     return folder / SUBURB, folder / TOWN
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-KINDS = ("none", "simulated", "measured")
+INTENSITIES = ("none", "simulated", "measured")
 """Intensities that networks learn from, in the order of the table."""
 Confusion = Int[np.ndarray, "classes classes"]
 """Cells by true class (rows) and told class (columns), of all that returned and have a label."""
@@ -44,6 +44,6 @@ def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> Worth:
 def worth(iou: Mapping[str, Float[np.ndarray, "seeds known"]]) -> float:
     """What simulated intensity gains over none, as a share of what measured intensity does; NaN where that is
     nothing."""
-    mean = {kind: mean_iou(iou[kind]).mean for kind in KINDS}
+    mean = {kind: mean_iou(iou[kind]).mean for kind in INTENSITIES}
     room = mean["measured"] - mean["none"]
     return (mean["simulated"] - mean["none"]) / room if room > 0 else float("nan")

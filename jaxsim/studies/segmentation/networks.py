@@ -26,12 +26,12 @@ from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import compiler_options, on_cpu
 from jaxsim.pix2pix.losses import quantile_loss
 from jaxsim.pix2pix.unet import UNet
-from jaxsim.simulate.grain import Field, Ranks, Surfaces, ranks_of_fields, surfaces_of
-from jaxsim.simulate.grain_fit import Scan
+from jaxsim.simulate.grain import Breaks, Field, Ranks, breaks_of, ranks_of_fields
+from jaxsim.simulate.grain_fit import GrainScan
 from jaxsim.simulate.predict import Prediction, drawn
 
-Batch = dict[str, Array]
-Loss = Callable[[Array, Batch], Array]
+Targets = dict[str, Array]
+Loss = Callable[[Array, Targets], Array]
 FARTHEST_M = 120.0
 
 
@@ -58,14 +58,14 @@ def of_sensor(image: RangeImage, classes: int) -> np.ndarray:
     )
 
 
-def class_loss(outputs: Float[Array, "b h w k"], batch: Batch) -> Float[Array, ""]:
+def class_loss(outputs: Float[Array, "b h w k"], batch: Targets) -> Float[Array, ""]:
     """Cross entropy of the labelled cells, each class weighted by the root of its rarity."""
     logits = jax.nn.log_softmax(outputs, axis=-1)
     right = (logits * jax.nn.one_hot(batch["label"], outputs.shape[-1])).sum(-1)
     return -(batch["weight"] * right).sum() / jnp.maximum(batch["weight"].sum(), 1e-6)
 
 
-def sensor_loss(outputs: Float[Array, "b h w k"], batch: Batch) -> Float[Array, ""]:
+def sensor_loss(outputs: Float[Array, "b h w k"], batch: Targets) -> Float[Array, ""]:
     """The quantile loss of returned cells."""
     return quantile_loss(outputs, batch["intensity"], batch["weight"])
 
@@ -86,7 +86,7 @@ def _learner(config: SegmentationConfig, channels: tuple[int, int], *, loss: Los
     rate = optax.warmup_cosine_decay_schedule(0.0, config.lr, warm_up, max(steps, warm_up + 1))
     adam = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(rate, b2=0.99))
 
-    def step(learned: tuple[Any, Any], x: Array, batch: Batch) -> tuple[tuple[Any, Any], Float[Array, ""]]:
+    def step(learned: tuple[Any, Any], x: Array, batch: Targets) -> tuple[tuple[Any, Any], Float[Array, ""]]:
         parameters, state = learned
         of = lambda p: loss(nnx.merge(definition, p)(x), batch)  # noqa: E731
         value, gradient = jax.value_and_grad(of)(parameters)
@@ -109,7 +109,7 @@ class TrainedNetwork:
         return _network(self.config, self.channels)[1](self.parameters, x)
 
 
-def train(
+def train_network(
     inputs: Sequence[np.ndarray],
     targets: Sequence[Mapping[str, np.ndarray]],
     loss: Loss,
@@ -125,7 +125,7 @@ def train(
     adam, step = _learner(replace(config, root=None, out=Path(), seeds=()), channels, loss=loss, steps=steps)
     columns = inputs[0].shape[1]
 
-    def batch(random: np.random.Generator) -> tuple[np.ndarray, Batch]:
+    def batch(random: np.random.Generator) -> tuple[np.ndarray, Targets]:
         chosen = random.integers(len(inputs), size=config.batch)
         cuts = [_cut(columns, min(config.columns, columns), random) for _ in chosen]
         part = lambda rasters: np.stack([r[:, cut] for r, cut in zip(rasters, cuts, strict=True)])  # noqa: E731
@@ -153,16 +153,16 @@ def quantiles_of(
     return np.clip(np.sort(told, axis=-1), 0, 1)
 
 
-def surfaces_in(image: RangeImage) -> Surfaces:
+def breaks_in(image: RangeImage) -> Breaks:
     """Where the surfaces of a scan end, classes among them."""
     label = jnp.asarray(image.label)
-    return surfaces_of(jnp.asarray(image.range_m), jnp.asarray(image.valid), kind=label, thing=label)
+    return breaks_of(jnp.asarray(image.range_m), jnp.asarray(image.valid), kind=label, thing=label)
 
 
-def scan_of(image: RangeImage, quantiles: Float[np.ndarray, "rows columns q"]) -> Scan:
+def grain_scan(image: RangeImage, quantiles: Float[np.ndarray, "rows columns q"]) -> GrainScan:
     """A scan beside what a sensor's network says of it, to learn its grain from."""
     never = np.zeros(image.range_m.shape)
-    return Scan(surfaces_in(image), image.valid, image.valid, image.intensity, quantiles, never)
+    return GrainScan(breaks_in(image), image.valid, image.valid, image.intensity, quantiles, never)
 
 
 def simulate(
@@ -181,8 +181,8 @@ def simulate(
         lost = jnp.where(image.valid, 0.0, 1.0)
         says = Prediction(quantiles[..., QUANTILES.index(0.5)], ~image.valid, quantiles, lost)
         key = jax.random.fold_in(jax.random.key(seed), k)
-        even = None if grain is None else ranks_of_fields(grain, surfaces_in(image), key)
-        pictures.append(np.asarray(drawn(says, key, None if even is None else Ranks(even, even))))
+        even = None if grain is None else ranks_of_fields(grain, breaks_in(image), key)
+        pictures.append(jax.device_get(drawn(says, key, None if even is None else Ranks(even, even))))
     return pictures
 
 

@@ -15,17 +15,17 @@ from jaxsim.files import read_entry, replacing, write_arrays
 from jaxsim.files.arrays import read_arrays
 from jaxsim.report.results import markdown_table, number_or_none
 from jaxsim.simulate.grain_fit import fit_intensity
-from jaxsim.studies.segmentation.iou import KINDS, class_iou, confusion, mean_iou, worth
+from jaxsim.studies.segmentation.iou import INTENSITIES, class_iou, confusion, mean_iou, worth
 from jaxsim.studies.segmentation.networks import (
     class_loss,
     classify,
+    grain_scan,
     of_segmentation,
     of_sensor,
     quantiles_of,
-    scan_of,
     sensor_loss,
     simulate,
-    train,
+    train_network,
 )
 
 
@@ -90,7 +90,7 @@ class Study:
                 {"intensity": self.images[i].intensity, "weight": self.images[i].valid.astype(np.float32)}
                 for i in learned
             ]
-            network = train(
+            network = train_network(
                 [inputs[i] for i in learned],
                 targets,
                 sensor_loss,
@@ -99,7 +99,7 @@ class Study:
                 seed=0,
                 config=config,
             )
-            scans = (scan_of(self.images[i], quantiles_of(network, inputs[i])) for i in learned)
+            scans = (grain_scan(self.images[i], quantiles_of(network, inputs[i])) for i in learned)
             grain = fit_intensity(scans) if config.grain else None
             own = self.own(part)
             made = simulate(network, [inputs[i] for i in own], [self.images[i] for i in own], grain=grain, seed=part)
@@ -130,7 +130,7 @@ class Study:
         rarity[0] = 0
         inputs = [of_segmentation(self.images[i], x) for i, x in chosen.items()]
         targets = [{"label": self.images[i].label, "weight": rarity[self.images[i].label]} for i in chosen]
-        network = train(
+        network = train_network(
             inputs,
             targets,
             class_loss,
@@ -157,22 +157,22 @@ class Study:
     def plain(self) -> dict[str, object]:
         """All figures for JSON."""
         return {
-            "iou": {kind: [[number_or_none(x) for x in row] for row in self.iou(kind)] for kind in KINDS},
-            "mean": {kind: mean_iou(self.iou(kind)).mean for kind in KINDS},
-            "worth": number_or_none(worth({kind: self.iou(kind) for kind in KINDS})),
+            "iou": {kind: [[number_or_none(x) for x in row] for row in self.iou(kind)] for kind in INTENSITIES},
+            "mean": {kind: mean_iou(self.iou(kind)).mean for kind in INTENSITIES},
+            "worth": number_or_none(worth({kind: self.iou(kind) for kind in INTENSITIES})),
         }
 
     def text(self) -> str:
         """Markdown: IoU a class and their mean, of each kind; what simulated intensity is worth."""
-        of = {kind: self.iou(kind) for kind in KINDS}
+        of = {kind: self.iou(kind) for kind in INTENSITIES}
         judged = [image for part in self.rounds for image in self.to_judge(part)]
         cells = np.bincount(np.concatenate([image.label.ravel() for image in judged]), minlength=self.classes)
         rows = [
-            [self.names[k + 1], str(int(cells[k + 1])), *(_cell(of[kind][:, k]) for kind in KINDS)]
+            [self.names[k + 1], str(int(cells[k + 1])), *(_cell(of[kind][:, k]) for kind in INTENSITIES)]
             for k in range(self.classes - 1)
             if cells[k + 1]
         ]
-        rows.append(["mean", str(int(cells[1:].sum())), *(_cell(np.nanmean(of[kind], axis=1)) for kind in KINDS)])
+        rows.append(["mean", str(int(cells[1:].sum())), *(_cell(np.nanmean(of[kind], axis=1)) for kind in INTENSITIES)])
         heads = ["IoU", "cells", "no intensity", "simulated", "measured"]
         share = worth(of)
         gain = mean_iou(of["measured"]).mean - mean_iou(of["none"]).mean

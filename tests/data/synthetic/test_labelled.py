@@ -6,7 +6,7 @@ import pytest
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.range_images import read_range_images
 from jaxsim.data.synthetic import SyntheticWorld
-from jaxsim.data.synthetic.labelled import CLASSES, OF_MATERIAL, classes_of, labelled_image, write_labelled
+from jaxsim.data.synthetic.labelled import LABEL_CLASSES, OF_MATERIAL, classes_of, labelled_image, write_labelled
 from jaxsim.data.synthetic.render import IdealScan
 from jaxsim.geometry import preset
 
@@ -46,7 +46,7 @@ def test_each_material_has_a_class_of_its_own():
         instance=np.zeros(size, np.int32),
         **flags,
     )
-    assert [CLASSES[number] for number in classes_of(scan)[0]] == list(kinds)
+    assert [LABEL_CLASSES[number] for number in classes_of(scan)[0]] == list(kinds)
 
 
 def test_classes_of_material_lie_on_what_they_are_part_of(world):
@@ -54,17 +54,17 @@ def test_classes_of_material_lie_on_what_they_are_part_of(world):
     label = classes_of(truth.scan)
     semantic = np.asarray(truth.scan.semantic)
     for name, kinds in (("marking", {7}), ("wet road", {7}), ("number plate", {26, 27, 28}), ("sign's sheet", {20})):
-        met = semantic[label == CLASSES.index(name)]
+        met = semantic[label == LABEL_CLASSES.index(name)]
         assert {*np.unique(met)} <= kinds, name
     for name in ("wet road", "marking", "number plate"):
-        assert (label == CLASSES.index(name)).any(), name
+        assert (label == LABEL_CLASSES.index(name)).any(), name
     assert not label[~np.asarray(truth.scan.valid)].any()
     assert (label[np.asarray(truth.scan.valid)] > 0).mean() > 0.99
 
 
 def test_classes_of_material_differ_in_brightness(image):
     label, intensity = image[..., 5], image[..., 3]
-    mean = {name: intensity[label == CLASSES.index(name)].mean() for name in ("road", "wet road", "marking")}
+    mean = {name: intensity[label == LABEL_CLASSES.index(name)].mean() for name in ("road", "wet road", "marking")}
     assert mean["wet road"] < 0.7 * mean["road"]
     assert mean["marking"] > 1.3 * mean["road"]
 
@@ -87,5 +87,5 @@ def test_files_are_read_as_labelled_range_images(tmp_path, world, image, monkeyp
 
 
 def test_every_class_has_a_name_of_its_own():
-    assert len({*CLASSES}) == len(CLASSES)
-    assert {*OF_MATERIAL} < {*CLASSES}
+    assert len({*LABEL_CLASSES}) == len(LABEL_CLASSES)
+    assert {*OF_MATERIAL} < {*LABEL_CLASSES}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.data.synthetic.raycast import FAR_M, LEAF_M, enter_crown, enter_polyhedron, enter_round
+from jaxsim.data.synthetic.raycast import LEAF_M, SKY_M, enter_crown, enter_polyhedron, enter_round
 from jaxsim.data.synthetic.solids import Look, Model
 from tests.data.synthetic.made_raycast import bundle, slow_noise
 
@@ -21,16 +21,16 @@ def rays_at(rng: np.random.Generator, target: np.ndarray, spread: float) -> tupl
 
 def agree(fast: np.ndarray, slow: np.ndarray, metres: float, *, share: float = 1.0) -> None:
     """Hits agree to `metres`; rays that graze an edge may differ in whether they hit at all."""
-    both = (fast < FAR_M) & (slow < FAR_M)
+    both = (fast < SKY_M) & (slow < SKY_M)
     assert np.abs(fast - slow)[both].max(initial=0.0) < metres
-    assert np.mean((fast < FAR_M) == (slow < FAR_M)) >= share - 0.01
+    assert np.mean((fast < SKY_M) == (slow < SKY_M)) >= share - 0.01
     assert both.any()
 
 
 def slow_polyhedron(eye: np.ndarray, aim: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """Nearest point where a ray meets a face's plane inside all the other planes."""
     planes = planes[np.linalg.norm(planes[:, :3], axis=1) > 0]
-    out = np.full(len(aim), FAR_M)
+    out = np.full(len(aim), SKY_M)
     for i, d in enumerate(aim):
         for n in planes:
             if n[:3] @ d < 0:
@@ -42,7 +42,7 @@ def slow_polyhedron(eye: np.ndarray, aim: np.ndarray, planes: np.ndarray) -> np.
 
 def slow_round(eye: np.ndarray, aim: np.ndarray, conic: np.ndarray, *, ball: bool, bore: float = 0.0) -> np.ndarray:
     """Nearest point on a side within the caps, or on a cap outside the bore."""
-    out = np.full(len(aim), FAR_M)
+    out = np.full(len(aim), SKY_M)
     axes = [0, 1, 2] if ball else [0, 1]
     for i, d in enumerate(aim):
         start = eye if eye.ndim == 1 else eye[i]
@@ -57,8 +57,8 @@ def slow_round(eye: np.ndarray, aim: np.ndarray, conic: np.ndarray, *, ball: boo
             cap = (-np.sign(p[2]) - q[2]) / p[2]
             x, y = q[:2] + cap * p[:2]
             if x * x + y * y <= 1:
-                hits.append(cap if x * x + y * y >= bore * bore else FAR_M)
-        out[i] = min([h for h in hits if h > 0], default=FAR_M)
+                hits.append(cap if x * x + y * y >= bore * bore else SKY_M)
+        out[i] = min([h for h in hits if h > 0], default=SKY_M)
     return out
 
 
@@ -74,7 +74,7 @@ def test_rays_enter_a_polyhedron_where_its_planes_say(seed: int) -> None:
     fast, face = enter_polyhedron(*bundle(eye, aim), planes[None].astype(np.float32))
     slow = slow_polyhedron(eye, aim, planes)
     agree(np.asarray(fast)[0], slow, 1e-3)
-    hit = (np.asarray(fast)[0] < FAR_M) & (slow < FAR_M)
+    hit = (np.asarray(fast)[0] < SKY_M) & (slow < SKY_M)
     at = eye + slow[hit][:, None] * aim[hit]
     on = planes[np.asarray(face)[0][hit]]
     assert np.abs(np.sum(on[:, :3] * at, axis=1) - on[:, 3]).max() < 1e-3
@@ -85,7 +85,7 @@ def test_a_ray_along_a_face_outside_it_misses() -> None:
     model.box((-1, -1, -1), (1, 1, 1), STONE)
     planes = model.polyhedra[0][0][None].astype(np.float32)
     eye, aim = np.array([-5.0, 0.0, 1.5]), np.array([[1.0, 0.0, 0.0]])
-    assert np.asarray(enter_polyhedron(*bundle(eye, aim), planes)[0])[0, 0] == FAR_M
+    assert np.asarray(enter_polyhedron(*bundle(eye, aim), planes)[0])[0, 0] == SKY_M
     eye[2] = 0.5
     assert np.asarray(enter_polyhedron(*bundle(eye, aim), planes)[0])[0, 0] == pytest.approx(4.0)
 
@@ -125,12 +125,12 @@ def test_leaves_stop_rays_after_their_free_path(seed: int) -> None:
     fast = enter_crown(*bundle(eye, aim), conic[None].astype(np.float32), path_m=np.array([path], np.float32))
     enter = slow_round(eye, aim, conic, ball=True)
     leave = -slow_round(eye + 200 * aim, -aim, conic, ball=True) + 200
-    slow = np.full(RAYS, FAR_M)
-    for i in np.flatnonzero(enter < FAR_M):
+    slow = np.full(RAYS, SKY_M)
+    for i in np.flatnonzero(enter < SKY_M):
         x = (eye + enter[i] * aim[i]) / LEAF_M
         u = 0.4 * slow_noise(0.35 * x) + 0.35 * slow_noise(x) + 0.25 * slow_noise(3.1 * x)
         u = np.clip(1.9 * (u - 0.5) + 0.5, 0.01, 0.98)
         stop = enter[i] - path * np.log(u) / np.linalg.norm(aim[i])
-        slow[i] = stop if stop < leave[i] else FAR_M
+        slow[i] = stop if stop < leave[i] else SKY_M
     agree(np.asarray(fast)[0], slow, 0.02)
-    assert np.any((enter < FAR_M) & (slow == FAR_M)), "some rays get through"
+    assert np.any((enter < SKY_M) & (slow == SKY_M)), "some rays get through"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.name.candidates import by_beam, longest_run, smooth, starts_of
+from jaxsim.discover.name.candidates import by_beam, smooth, starts_of
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from tests.discover.name.made import candidate
@@ -138,10 +138,3 @@ def test_a_hidden_sector_behind_the_car_is_one(problem, after):
     assert -np.pi <= start["azimuth_rad"] <= np.pi
     assert abs(np.angle(np.exp(1j * (start["azimuth_rad"] - middle)))) < 0.03
     assert start["width_rad"] == pytest.approx(2 * step, abs=0.05)
-
-
-def test_a_run_goes_on_past_the_seam_of_a_closed_ring_alone():
-    flags = np.array([1, 1, 0, 1, 0, 1, 1, 1], bool)
-    assert longest_run(flags, closed=True).tolist() == [5, 6, 7, 8, 9]
-    assert longest_run(flags, closed=False).tolist() == [5, 6, 7]
-    assert longest_run(np.ones(3, bool), closed=True).tolist() == [0, 1, 2]

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from jaxsim.metrics.inception import (
-    SIZE,
+    INPUT_SIZE,
     _abstract,
     prepared_images,
 )
@@ -18,5 +18,5 @@ def test_the_two_forms_differ_at_borders_and_in_the_last_pooling_alone():
 
 
 def test_images_are_brought_to_one_size():
-    assert prepared_images(np.zeros((2, 9, 30, 1), np.float32), "pytorch_fid").shape == (2, SIZE, SIZE, 3)
+    assert prepared_images(np.zeros((2, 9, 30, 1), np.float32), "pytorch_fid").shape == (2, INPUT_SIZE, INPUT_SIZE, 3)
     assert Inception.__call__.__doc__

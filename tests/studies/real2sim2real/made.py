@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxsim.metrics.cloud_checks import count_clouds
-from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
+from jaxsim.metrics.detection import DIFFICULTIES, PRINTED_COLUMNS, Curve
 from jaxsim.studies.real2sim2real import Loop, claim_loop
 from jaxsim.studies.real2sim2real.scores import write_score
 from jaxsim.train.experiments import load_loop
@@ -27,7 +27,7 @@ def curves(ap: float) -> list[Curve]:
     precision = np.concatenate([[0], np.full(40, ap / 100)])
     return [
         Curve("Car", level, overlap, metric, 0.7, precision, np.zeros(0), np.zeros(0), 0 if level == "easy" else 9, 12)
-        for metric, overlap in COLUMNS
+        for metric, overlap in PRINTED_COLUMNS
         for level in DIFFICULTIES
     ]
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from jaxsim.effects.chain import SensorModel
-from jaxsim.metrics.detection import COLUMNS, Curve
-from jaxsim.studies.real2sim2real import KINDS, claim_loop
+from jaxsim.metrics.detection import PRINTED_COLUMNS, Curve
+from jaxsim.studies.real2sim2real import CLOUD_KINDS, claim_loop
 from jaxsim.studies.real2sim2real.scores import (
     PAPER_OF_REAL,
     PAPER_ON_REAL,
@@ -35,9 +35,9 @@ def loop(tmp_path):
 
 def test_the_papers_tables_are_whole():
     for table in (PAPER_ON_REAL, PAPER_OF_REAL):
-        assert all(len(row) == len(COLUMNS) for kind in table.values() for row in kind.values())
+        assert all(len(row) == len(PRINTED_COLUMNS) for kind in table.values() for row in kind.values())
     assert PAPER_ON_REAL["simulated_64"]["moderate"][0] == 51.74
-    assert {*PAPER_OF_REAL} < {*KINDS}
+    assert {*PAPER_OF_REAL} < {*CLOUD_KINDS}
 
 
 def test_an_average_is_over_epochs_and_its_spread_over_seeds(loop):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.config import GeneratorConfig, SegmentationConfig
-from jaxsim.studies.segmentation.iou import KINDS
+from jaxsim.studies.segmentation.iou import INTENSITIES
 from jaxsim.studies.segmentation.study import Study
 
 
@@ -36,6 +36,6 @@ def study(folder, tmp_path_factory):
         out=tmp_path_factory.mktemp("out"),
     )
     study = Study.of_folders(config, folder, None)
-    for kind in KINDS:
+    for kind in INTENSITIES:
         study.score(kind, 0, 0)
     return study

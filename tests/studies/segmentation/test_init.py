@@ -9,7 +9,7 @@ from jaxsim.cli.real2sim2real import run
 from jaxsim.config import GeneratorConfig, SegmentationConfig
 from jaxsim.data.range_images import read_range_images
 from jaxsim.studies.segmentation import run_segmentation
-from jaxsim.studies.segmentation.iou import KINDS
+from jaxsim.studies.segmentation.iou import INTENSITIES
 
 
 def test_tables_come_from_the_scores_of_all_parts(folder, tmp_path):
@@ -69,7 +69,7 @@ def test_the_embedded_world_is_rendered_once_and_its_town_judged(tmp_path, monke
     # No street of the town is one of the suburb with other traffic: each world has a seed of its own.
     assert {image.name.split("-")[1] for image in suburb}.isdisjoint(image.name.split("-")[1] for image in town)
     assert sorted(path.name for path in (tmp_path / "scores").iterdir()) == sorted(
-        f"{kind}_elsewhere_seed0.json" for kind in KINDS
+        f"{kind}_elsewhere_seed0.json" for kind in INTENSITIES
     )
     monkeypatch.setattr("jaxsim.data.synthetic.labelled.labelled_image", lambda *_: pytest.fail("rendered again"))
     assert run_segmentation(config).read_text() == text

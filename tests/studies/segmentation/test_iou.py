@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.studies.segmentation.iou import KINDS, class_iou, confusion, worth
+from jaxsim.studies.segmentation.iou import INTENSITIES, class_iou, confusion, worth
 
 
 def test_confusions_and_iou_equal_their_definition():
@@ -20,4 +20,4 @@ def test_confusions_and_iou_equal_their_definition():
 def test_the_worth_is_the_share_of_the_gain():
     rows = {"none": [[0.2, 0.4]], "simulated": [[0.5, 0.5]], "measured": [[0.6, 0.6]]}
     assert worth({k: np.array(x) for k, x in rows.items()}) == pytest.approx(2 / 3)
-    assert np.isnan(worth({k: np.array(rows["none"]) for k in KINDS}))
+    assert np.isnan(worth({k: np.array(rows["none"]) for k in INTENSITIES}))

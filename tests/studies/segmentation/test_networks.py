@@ -14,7 +14,7 @@ from jaxsim.studies.segmentation.networks import (
     of_sensor,
     sensor_loss,
     simulate,
-    train,
+    train_network,
 )
 
 
@@ -45,7 +45,7 @@ def test_no_cell_is_told_to_be_unlabelled(folder):
     inputs = [of_segmentation(image, image.intensity) for image in images]
     targets = [{"label": image.label, "weight": (image.label > 0).astype(np.float32)} for image in images]
     config = SegmentationConfig(network=GeneratorConfig(form="unet", filters=2, downsamples=0, enhancers=0), columns=8)
-    network = train(inputs, targets, class_loss, out_channels=3, steps=1, seed=0, config=config)
+    network = train_network(inputs, targets, class_loss, out_channels=3, steps=1, seed=0, config=config)
     assert {*np.unique(classify(network, inputs))} <= {1, 2}
 
 
@@ -54,7 +54,9 @@ def test_intensities_scatter_together_or_each_cell_for_itself(folder):
     inputs = [of_sensor(image, 3) for image in images]
     targets = [{"intensity": image.intensity, "weight": image.valid.astype(np.float32)} for image in images]
     config = SegmentationConfig(network=GeneratorConfig(form="unet", filters=2, downsamples=0, enhancers=0), columns=8)
-    sensor = train(inputs, targets, sensor_loss, out_channels=len(QUANTILES) + 1, steps=1, seed=0, config=config)
+    sensor = train_network(
+        inputs, targets, sensor_loss, out_channels=len(QUANTILES) + 1, steps=1, seed=0, config=config
+    )
     together = (Field(1.0, None, None),)
     (grained,) = simulate(sensor, inputs[:1], images[:1], grain=together, seed=0)
     (single,) = simulate(sensor, inputs[:1], images[:1], grain=None, seed=0)

@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.config import GeneratorConfig, SegmentationConfig
 from jaxsim.data.range_images import read_range_images
-from jaxsim.studies.segmentation.iou import KINDS, class_iou
+from jaxsim.studies.segmentation.iou import INTENSITIES, class_iou
 from jaxsim.studies.segmentation.study import Study
 
 
@@ -36,8 +36,10 @@ def test_a_sensor_learns_from_neither_the_part_it_simulates_nor_the_judged_one(s
 
 
 def test_what_is_scored_is_not_scored_again(study, monkeypatch):
-    monkeypatch.setattr("jaxsim.studies.segmentation.study.train", lambda *_, **__: pytest.fail("trained again"))
-    for kind in KINDS:
+    monkeypatch.setattr(
+        "jaxsim.studies.segmentation.study.train_network", lambda *_, **__: pytest.fail("trained again")
+    )
+    for kind in INTENSITIES:
         study.score(kind, 0, 0)
 
 

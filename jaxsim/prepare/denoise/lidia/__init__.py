@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.prepare.denoise.classical import close_gaps
-from jaxsim.prepare.denoise.lidia.denoiser import Values, abstract, apply, check_image_size
+from jaxsim.prepare.denoise.lidia.denoiser import abstract, apply, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
-from jaxsim.weights import Arrays, Converter, checked_arrays, load_weights, read_once, write_trained
+from jaxsim.weights import Arrays, Converter, Values, checked_arrays, load_weights, read_once, write_trained
 
 COLOUR_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re0.ver_hor.ver.weight"
 SMALL_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re1.ver_hor.b"

@@ -23,10 +23,10 @@ from jaxtyping import Bool, Float
 from jaxsim.descent import descend
 from jaxsim.prepare.denoise.classical import close_gaps
 from jaxsim.prepare.denoise.lidia import Lidia
-from jaxsim.prepare.denoise.lidia.denoiser import Values, apply_and_learn, check_image_size
+from jaxsim.prepare.denoise.lidia.denoiser import apply_and_learn, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
+from jaxsim.weights import RUNNING, Values
 
-STORED = ("running_mean", "running_var")
 _State = tuple[Values, Any]
 """The network's values, and Adam's memory."""
 
@@ -160,5 +160,5 @@ def _step(
     change, memory = optax.adam(lr).update(gradient, memory)
     trained = optax.apply_updates(values, change)
     # The statistics have no gradient: they are what the batches were.
-    updated = lambda path, new, old: old if path[-1].key in STORED else new  # noqa: E731
+    updated = lambda path, new, old: old if path[-1].key in RUNNING else new  # noqa: E731
     return (jax.tree.map_with_path(updated, trained, seen), memory), loss

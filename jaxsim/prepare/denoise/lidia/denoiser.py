@@ -13,11 +13,9 @@ from jaxtyping import Bool, Float
 from jaxsim.frame import Array
 from jaxsim.prepare.denoise.lidia.network import PatchDenoiser, Scale, Statistics, Variant
 from jaxsim.prepare.denoise.lidia.patches import RADIUS, blur, fold, nearest_patches, pad, unfold
+from jaxsim.weights import Values
 
-Values = dict[str, Any]
-"""A network's parameters and statistics: nested dicts by published names."""
-
-FAR = -1.0
+BEYOND_BORDER = -1.0
 """What stands beyond the mirrored border, where the search finds nothing alike."""
 GREY = (0.2989, 0.5870, 0.1140)
 CHUNK: dict[Statistics, int] = {"stored": 512, "image": 40_000, "training": 2**30}
@@ -130,7 +128,7 @@ def _blurred(image: Array, mask: Array | None) -> tuple[Array, Array | None]:
 def _scale(image: Array, mask: Array | None, p: int, *, d: int) -> Scale:
     """Table of patches, neighbours and distances of every patch of `image`."""
     margin, (b, _, _, c) = RADIUS * d, image.shape
-    outer = pad(image, margin, "constant", value=FAR)
+    outer = pad(image, margin, "constant", value=BEYOND_BORDER)
     known = None if mask is None else pad(mask, margin, "constant", value=1.0)
     grey = outer[..., 0] if c == 1 else jnp.tensordot(outer, jnp.asarray(GREY), 1, precision=jax.lax.Precision.HIGHEST)
     table = unfold(outer, p, d)

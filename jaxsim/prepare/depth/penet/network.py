@@ -24,8 +24,8 @@ from jaxsim.prepare.depth.penet.layers import KERNELS, ConvBn, Deconv, GeoBlock,
 
 Convention = Literal["exact", "published"]
 PUBLISHED_SIZE = (352, 1216)
-STAGES = 5
-MULTIPLE = 2**STAGES
+SCALES = 5
+MULTIPLE = 2**SCALES
 """Rows and columns must divide by this."""
 PUBLISHED_WIDTH = 32
 
@@ -106,18 +106,18 @@ class ENet(nnx.Module):
     """Both branches. `width` channels in the first layer; every halving doubles them."""
 
     def __init__(self, width: int, rngs: nnx.Rngs):
-        w = [width * 2**k for k in range(STAGES + 1)]
+        w = [width * 2**k for k in range(SCALES + 1)]
         # Colour and sparse depth; sparse depth and the first branch's guess.
         self.rgb_conv_init = ConvBn(4, width, 5, relu=True, rngs=rngs)
         self.depth_conv_init = ConvBn(2, width, 5, relu=True, rngs=rngs)
-        for k in range(STAGES):
+        for k in range(SCALES):
             # From the second stage on, the depth branch also sees the colour decoder's features.
             beside = w[k] if k == 0 else 2 * w[k]
             for name, inputs in (("rgb_encoder_layer", w[k]), ("depth_layer", beside)):
                 setattr(self, f"{name}{2 * k + 1}", GeoBlock(inputs, w[k + 1], stride=2, rngs=rngs))
                 setattr(self, f"{name}{2 * k + 2}", GeoBlock(w[k + 1], w[k + 1], stride=1, rngs=rngs))
             setattr(self, f"rgb_decoder_layer{2 * k}", Deconv(w[k + 1], w[k], rngs=rngs))
-            setattr(self, f"decoder_layer{STAGES - k}", Deconv(w[k + 1], w[k], rngs=rngs))
+            setattr(self, f"decoder_layer{SCALES - k}", Deconv(w[k + 1], w[k], rngs=rngs))
         self.rgb_decoder_output = Deconv(width, 2, 3, stride=1, rngs=rngs)
         self.decoder_layer6 = ConvBn(width, 2, relu=True, rngs=rngs)
 
@@ -131,21 +131,21 @@ class ENet(nnx.Module):
             return getattr(self, f"{name}{2 * k + 2}")(x, geo[k + 1], geo[k + 1], train=train)
 
         colour = [self.rgb_conv_init(jnp.concatenate([rgb, sparse], -1), train=train)]
-        for k in range(STAGES):
+        for k in range(SCALES):
             colour.append(encode("rgb_encoder_layer", k, colour[k]))
-        decoded = {STAGES: colour[STAGES]}
-        for k in reversed(range(STAGES)):
+        decoded = {SCALES: colour[SCALES]}
+        for k in reversed(range(SCALES)):
             # Skips are added, as in ENet, where a U-Net would concatenate.
             decoded[k] = getattr(self, f"rgb_decoder_layer{2 * k}")(decoded[k + 1], train=train) + colour[k]
         first = self.rgb_decoder_output(decoded[0], train=train)
 
         x = self.depth_conv_init(jnp.concatenate([sparse, first[..., :1]], -1), train=train)
         depth = [x]
-        for k in range(STAGES):
+        for k in range(SCALES):
             depth.append(encode("depth_layer", k, depth[k] if k == 0 else jnp.concatenate([decoded[k], depth[k]], -1)))
-        x, features = colour[STAGES] + depth[STAGES], {}
-        for k in reversed(range(STAGES)):
-            features[k] = getattr(self, f"decoder_layer{STAGES - k}")(x, train=train)
+        x, features = colour[SCALES] + depth[SCALES], {}
+        for k in reversed(range(SCALES)):
+            features[k] = getattr(self, f"decoder_layer{SCALES - k}")(x, train=train)
             x = features[k] + depth[k]
         second = self.decoder_layer6(features[0], train=train)
 
@@ -185,7 +185,7 @@ class PENet(nnx.Module):
                 f"penet: the image has {rows} x {columns} pixels; both must be multiples of {MULTIPLE}: "
                 "crop it (--prepare.image-crop)"
             )
-        geo = coordinates(sparse, valid, intrinsics, scales=STAGES + 1, convention=self.convention)
+        geo = coordinates(sparse, valid, intrinsics, scales=SCALES + 1, convention=self.convention)
         return self.backbone(rgb, jnp.where(valid, sparse, 0.0), geo, train=train)
 
     def refine(

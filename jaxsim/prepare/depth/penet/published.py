@@ -11,9 +11,8 @@ import numpy as np
 from flax import nnx
 
 from jaxsim.prepare.depth.penet.network import PUBLISHED_WIDTH, Convention, PENet
-from jaxsim.weights import Arrays, Converter, checked_arrays
+from jaxsim.weights import Arrays, Converter, Values, checked_arrays
 
-Values = dict[str, Any]
 STEM = "backbone.rgb_conv_init.0.weight"
 _PLACES = {"conv": "0", "deconv": "0", "norm": "1", "kernel": "weight"}
 

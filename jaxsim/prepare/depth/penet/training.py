@@ -23,10 +23,10 @@ from jaxsim.frame import DepthFrame
 from jaxsim.prepare.depth.penet import check_crop
 from jaxsim.prepare.depth.penet.layers import Mode
 from jaxsim.prepare.depth.penet.network import Backbone
-from jaxsim.prepare.depth.penet.published import Values, create, definition
+from jaxsim.prepare.depth.penet.published import create, definition
+from jaxsim.weights import RUNNING, Values
 
 _Loss = Literal["square", "huber"]
-STORED = ("running_mean", "running_var")
 
 
 def check_sizes(experiment: DepthExperiment) -> None:
@@ -145,7 +145,7 @@ def train_step(
     def updated(path: Any, old: Array, *news: Array) -> Array:
         """Statistics are what the batches were; parameters move where the stage lets them."""
         new, delta = news
-        if path[-1].key in STORED:
+        if path[-1].key in RUNNING:
             return new
         share = of_backbone if path[0].key == "backbone" else of_rest
         # Not 0 times a change: a part that stands still stays the same whatever its gradient is, NaN too.
