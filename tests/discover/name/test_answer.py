@@ -39,7 +39,9 @@ def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     refitted = []
     monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["drop"], curve)])
     monkeypatch.setattr(
-        answer, "describe", lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", "")
+        answer,
+        "describe_curve",
+        lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
     )
     monkeypatch.setattr(answer, "localise", lambda *_: [])
     monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))
@@ -68,7 +70,9 @@ def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch):
     both, one = (problem(ev=SimpleNamespace(all_blocks=None)) for _ in range(2))
     monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["intensity"], curve)])
     monkeypatch.setattr(
-        answer, "describe", lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", "")
+        answer,
+        "describe_curve",
+        lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
     )
     monkeypatch.setattr(answer, "localise", lambda *_: [])
     monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))
@@ -98,7 +102,9 @@ def test_a_curve_that_both_sides_show_is_not_asked_again(monkeypatch):
     monkeypatch.setattr(answer, "choose", lambda *_, **__: Choice((), (), whole))
     monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["intensity"], curve)])
     monkeypatch.setattr(
-        answer, "describe", lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", "")
+        answer,
+        "describe_curve",
+        lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
     )
     said = answer.name_effects(whole, [], [], scene=np.arange(11), exchanged=exchanged)
     assert said.verdict == "none"
