@@ -21,13 +21,15 @@ TINY = [
     "--data.train=0-1", "--data.validation=2-2", *SMALL, "--optim.steps=2", "--optim.ema-start=1", "--run.name=tiny",
 ]  # fmt: skip
 """Flags of two steps of a training."""
+QUICK = "--xla_backend_optimization_level=1"
+"""As in conftest.py, so that a program's answers are those of the tests' own process, bit for bit."""
 PATIENCE_S = 3600.0
 """The slowest program here takes two minutes on a quiet machine; a busy one may take thirty times as long."""
 
 
 def environment(**variables: str) -> dict[str, str]:
     """On the CPU, one device, with all tests' compiled programs; jaxsim is this checkout's."""
-    own = {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": "", "PYTHONPATH": str(ROOT)}
+    own = {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": QUICK, "PYTHONPATH": str(ROOT)}
     return {**os.environ, **own, **variables}
 
 

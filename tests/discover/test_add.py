@@ -29,15 +29,17 @@ def fitted(effect: str, scan, measured):
 
 
 def test_beams_gains_lie_in_their_intervals():
-    spread = 0.2
-    scan, measured = toy(frames=len(FRAMES), gain=spread, seed=4)
-    truth = np.random.default_rng(4).normal(0, spread, 16)  # toy draws them first
-    problem, found = fitted("beam_gain", scan, measured)
-    each = intervals(EFFECTS["beam_gain"], problem, found)["gain"]
-    middle = np.mean([one.value for one in each]) - truth.mean()
-    inside = [one.low <= true + middle <= one.high for one, true in zip(each, truth, strict=True)]
-    assert np.mean(inside) >= 0.8
-    assert np.median([one.high - one.low for one in each]) < 0.2 * RULES.interval_widening
+    spread, inside = 0.2, []
+    for seed in range(4, 8):
+        scan, measured = toy(frames=len(FRAMES), gain=spread, seed=seed)
+        truth = np.random.default_rng(seed).normal(0, spread, 16)  # toy draws them first
+        problem, found = fitted("beam_gain", scan, measured)
+        each = intervals(EFFECTS["beam_gain"], problem, found)["gain"]
+        middle = np.mean([one.value for one in each]) - truth.mean()
+        inside += [one.low <= true + middle <= one.high for one, true in zip(each, truth, strict=True)]
+        # Intervals that hold everything would say nothing.
+        assert np.median([one.high - one.low for one in each]) < 0.2 * RULES.interval_widening
+    assert np.mean(inside) >= 0.85
 
 
 def test_a_rate_at_its_bound_does_not_blow_an_interval_up():

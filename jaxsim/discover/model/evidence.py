@@ -346,19 +346,23 @@ def angle_scores(
     asked one by one, for each sees the road at an angle of its own: over all rows the density ends at the lowest one,
     and its rays would all be moved up.
     """
-    given = np.minimum(np.asarray(given_rad), np.pi / 2)
+    given = np.clip(np.asarray(given_rad), 0, np.pi / 2)
     score = np.zeros(given.shape, np.float32)
     returns, semantic = np.asarray(hit), np.asarray(semantic)
-    borders = np.arange(0, np.pi / 2 + STEP_RAD, STEP_RAD)
-    middle = (borders[1:] + borders[:-1]) / 2
+    steps = int(np.ceil(np.pi / 2 / STEP_RAD)) + 1
     ground, terrain = np.isin(semantic, FLAT), np.isin(semantic, TERRAIN)
     for kind in (ground, terrain, ~ground & ~terrain):
         for row in range(given.shape[1]):
-            of, angle = kind[:, row], given[:, row]
-            count, _ = np.histogram(angle[of & returns[:, row]], borders)
-            # One ray more in each bin: empty ones then have a logarithm, and no cliff beside them.
-            slope = np.gradient(np.log(gaussian_filter1d(count.astype(float), SMOOTH_STEPS) + 1), STEP_RAD)
-            score[:, row][of] = np.interp(angle[of], middle, np.clip(slope, -MOST_SCORE, MOST_SCORE))
+            of = kind[:, row]
+            at = given[:, row] / STEP_RAD
+            # Shared between the steps on both sides: rays of one angle are then dense about it, not about a step.
+            below = np.floor(at).astype(int)
+            counted = of & returns[:, row]
+            near = (at - below)[counted]
+            count = np.bincount(below[counted], 1 - near, steps + 1) + np.bincount(below[counted] + 1, near, steps + 1)
+            # One ray more at each step: empty ones then have a logarithm, and no cliff beside them.
+            slope = np.gradient(np.log(gaussian_filter1d(count, SMOOTH_STEPS) + 1), STEP_RAD)
+            score[:, row][of] = np.interp(at[of], np.arange(steps + 1), np.clip(slope, -MOST_SCORE, MOST_SCORE))
     return score
 
 

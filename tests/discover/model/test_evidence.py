@@ -87,6 +87,9 @@ def test_no_row_is_moved_as_a_whole():
     true = np.broadcast_to(rows[None, :, None], shape)
     seen = true + rng.normal(0, sd, shape)
     scores = angle_scores(seen, hit=np.ones(shape, bool), semantic=np.full(shape, 7))
+    # Rays of one and the same angle are noise of nothing, wherever it lies between steps.
+    exact = angle_scores(true, hit=np.ones(shape, bool), semantic=np.full(shape, 7))
+    assert np.abs(exact).max() < 0.1 * np.abs(scores).mean()
     # Within a row the expected true angle is the row's own; over the row the shifts cancel.
     below = seen < true
     for row in (0, 10, 20):
