@@ -23,8 +23,6 @@ from jaxsim.geometry import with_neighbours
 
 BORDER = 2.0
 """Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""
-LEAST, MOST = 0.3, 3.0
-"""Within these factors a plane's range and its cosine of incidence follow a displaced ray."""
 NOTHING_AT_M = 200.0
 """Where a ray that meets nothing is looked up after its origin moved."""
 
@@ -60,17 +58,14 @@ def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
 
 
 def is_told(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Bool[Array, "*n"]:
-    """Whether the image tells what turned and moved rays meet: they go no farther than BORDER beyond it, meet the plane
-    of a cell where that says something of its range, and no cell beside that hits nothing where it hits something, or
-    the other way about. Where between two rays a surface ends is in no image, nor what lies along it."""
+    """Whether the image tells what turned and moved rays meet: they go no farther than BORDER beyond it, and no cell
+    beside theirs hits nothing where it hits something, or the other way about. Where between two rays a surface ends is
+    in no image."""
     row, column, inside = _cell_met(rays, scan, passes)
-    surface = _surface(scan, (rays.frame, row, column))
-    met, towards = _meet(rays, scan, surface, turned=rays.turned_rad, moved=rays.moved_m)
-    far = met / jnp.where(surface.hit, surface.range_m, NOTHING_AT_M)
-    along = ((far <= LEAST) | (far >= MOST) | (towards <= LEAST) | (towards >= MOST)) & surface.hit
-    ends = (jnp.isfinite(_beside(scan, (rays.frame, row, column))) != surface.hit[..., None]).any(-1)
+    cell = (rays.frame, row, column)
+    ends = (jnp.isfinite(_beside(scan, cell)) != scan.hit[cell][..., None]).any(-1)
     displaced = (rays.turned_rad != 0).any(-1) | (rays.moved_m != 0).any(-1)
-    return ~displaced | (inside & ~along & ~ends)
+    return ~displaced | (inside & ~ends)
 
 
 def _cell_met(
@@ -175,10 +170,10 @@ def _meet(
     left = y * jnp.cos(a) - x * jnp.sin(a)
     o = (ahead * jnp.cos(e) + z * jnp.sin(e), left, z * jnp.cos(e) - ahead * jnp.sin(e))
     # The clips bind on surfaces seen edge on alone, where a plane says nothing of the range.
-    towards = jnp.clip(d[0] + s.u * d[1] + s.v * d[2], LEAST, MOST)
+    towards = jnp.clip(d[0] + s.u * d[1] + s.v * d[2], 0.3, 3.0)
     # Where nothing is hit no quotient may come out as not a number, for its derivative would.
     safe = jnp.where(s.hit, s.range_m, 1.0)
-    share = jnp.clip((1 - (o[0] + s.u * o[1] + s.v * o[2]) / safe) / towards, LEAST, MOST)
+    share = jnp.clip((1 - (o[0] + s.u * o[1] + s.v * o[2]) / safe) / towards, 0.3, 3.0)
     return jnp.where(s.hit, safe * share, NOTHING_AT_M), towards
 
 

@@ -48,7 +48,7 @@ def test_a_sensor_that_stays_sees_what_it_saw():
     assert told.all()
 
 
-def test_beyond_the_image_and_beyond_a_horizon_nothing_is_told():
+def test_beyond_the_image_and_where_surfaces_end_nothing_is_told():
     scan = scan_of(GRID, [seen(room) for room in rooms(2)])
     step = GRID.elevation_rad[0] - GRID.elevation_rad[1]
     lift = {"beam_elevation_error": {"error_rad": np.full(24, 4.2 * step)}}
