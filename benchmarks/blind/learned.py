@@ -37,14 +37,13 @@ from jaxsim.discover.add import add_effects
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.gap import distance
 from jaxsim.discover.law.learn import curve_form
-from jaxsim.discover.model.fit import Chain, Problem
-from jaxsim.discover.model.null import first_residuals
+from jaxsim.discover.model.fit import Chain, Problem, in_place
+from jaxsim.discover.model.null import first_residuals, refitted
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
-from jaxsim.discover.model.together import in_place, refitted
 from jaxsim.discover.name.answer import decide
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read import NOTHING_YET, Division, read_comparison
-from jaxsim.discover.repeats import examine, with_repeats
+from jaxsim.discover.repeats.examine import examine, with_repeats
 from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.learned import CHANGE

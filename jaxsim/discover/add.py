@@ -12,9 +12,8 @@ from jaxtyping import Float
 
 from jaxsim.discover.law.learn import Form, LearnedFit, learn
 from jaxsim.discover.model.fit import NOISE_SD, Chain, Fit, Objective, Problem, fit
-from jaxsim.discover.model.null import as_implied
+from jaxsim.discover.model.null import Refit, as_implied, refit
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
-from jaxsim.discover.model.together import Refit, refit
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach

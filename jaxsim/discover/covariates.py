@@ -43,6 +43,24 @@ BASIS_COLUMNS = 36
 """Columns of every free curve's basis; one that needs fewer (knots, classes) is filled up with zeros."""
 
 
+@dataclass(frozen=True)
+class Dependence:
+    """A covariate that a channel's residuals depend on."""
+
+    channel: str
+    covariate: str
+    p_value: float
+    share: float
+    """Share of the residuals' variance that it explains on held-out scenes."""
+    gain: float
+    """Held-out nats, all scenes."""
+
+
+def spelled(covariate: str) -> str:
+    """A covariate, or two that interact, in a verdict's words. (`speed x time` is a covariate of its own.)"""
+    return NAMED.get(covariate) or " x ".join(NAMED.get(part, part) for part in covariate.split(" x "))
+
+
 def values_of(covariate: str, rays: Any, counts: np.ndarray) -> np.ndarray:
     """A covariate of the rays where `counts`, on the host."""
     return np.asarray(ON_HOST[covariate](_Picked(rays, counts)))

@@ -26,11 +26,11 @@ from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Chain, Problem
 from jaxsim.discover.model.noise import Noise
+from jaxsim.discover.model.null import on_evidence
 from jaxsim.discover.mounting import Mounting, place_alike
 from jaxsim.discover.read import Comparison, Division, Rest, read_part
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import mean_interval
-from jaxsim.discover.show import on_evidence
 from jaxsim.discover.verdict import EveryFrame, Interval, OddFrame
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
@@ -139,8 +139,8 @@ def add(sums: Sums, block: JudgedBlock, by: HeldAnswer) -> None:
     scenes = tuple(dict.fromkeys(division.blocks.scene))
     ev, _ = division.evidence(scenes, by.known)
     fitted = block.fitted
-    before = on_evidence(division, ev, by.null, effects=[], noise=by.null.noise, fitted=fitted)
-    after = on_evidence(division, ev, by.null, effects=by.chain, noise=by.noise, fitted=fitted)
+    before = on_evidence(division.scan, ev, by.null, effects=[], noise=by.null.noise, fitted=fitted)
+    after = on_evidence(division.scan, ev, by.null, effects=by.chain, noise=by.noise, fitted=fitted)
     sides = [block_distances(problem, fitted, before.equations) for problem in (before, after)]
     gain = sides[1].log_likelihood - sides[0].log_likelihood
     # Frames that only fill up have no name, and count nowhere.

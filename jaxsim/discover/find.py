@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import rankdata
 
-from jaxsim.discover.covariates import COVARIATES, NAMED, curve_basis, values_of
+from jaxsim.discover.covariates import COVARIATES, Dependence, curve_basis, spelled, values_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import fit_null, standardised
 from jaxsim.discover.read import NOTHING_YET, Division
@@ -35,19 +35,6 @@ FITTED = (("intensity", "class"),)
 to the table."""
 CROSSED = ("range", "incidence", "row", "azimuth", "class", "power", "intensity", "step side", "time", "speed")
 """Covariates whose interactions are tried; time since the first frame has too few values to be crossed with others."""
-
-
-@dataclass(frozen=True)
-class Dependence:
-    """A covariate that a channel's residuals depend on."""
-
-    channel: str
-    covariate: str
-    p_value: float
-    share: float
-    """Share of the residuals' variance that it explains on held-out scenes."""
-    gain: float
-    """Held-out nats, all scenes."""
 
 
 class Additive:
@@ -247,11 +234,6 @@ def _interaction_gain(
     products = (first[:, :, None] * second[:, None, :]).reshape(len(rest), -1)
     model = Additive(rest, {"product": products}, index, scenes=scenes)
     return model.by_scene(np.zeros(len(rest)), model.predicted(["product"]))[0]
-
-
-def spelled(covariate: str) -> str:
-    """A covariate, or two that interact, in a verdict's words. (`speed x time` is a covariate of its own.)"""
-    return NAMED.get(covariate) or " x ".join(NAMED.get(part, part) for part in covariate.split(" x "))
 
 
 @dataclass(frozen=True)

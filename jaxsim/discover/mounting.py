@@ -10,26 +10,32 @@ Held against 0, each scene gains sum over its frames of (|p_f|^2 - |p_f - m|^2) 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
+from jaxsim.discover.model.cast import RayIndex, ray_index
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem, fit
-from jaxsim.discover.model.moved import seen_from
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import NOTHING_YET, Comparison
 from jaxsim.discover.register.registration import LIFT, MOTION_PARTS, Registration
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval, p_value
 from jaxsim.discover.verdict import Interval, Named, Registered
-from jaxsim.effects import EFFECTS, Law, Parameter
+from jaxsim.effects import EFFECTS, Law, Parameter, get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.edits import displace
+from jaxsim.effects.places import rays_at
 from jaxsim.effects.rays import Scan
+from jaxsim.effects.recast import is_told, recast
+from jaxsim.effects.scan import slopes_of
+from jaxsim.frame import Array
 
 POSE_AND_LIFT_SD = np.append(POSE_SD, POSE_SD[-1])
 """Standard deviations of a frame's own pose and lift of beams, m and rad."""
@@ -41,6 +47,8 @@ LIFT_OF_ALL = Law(
     casts=2,
 )
 """`beam_elevation_error` with one number for all beams."""
+OF_SURFACE = ("range_m", "hit", "incidence_rad", "semantic", "instance", "rgb", "glare_m", "glare_rad")
+"""Rasters of a scan that follow from the surface that a ray meets."""
 EffectValues = dict[str, dict[str, Float[np.ndarray, " k"]]]
 """Values of effects' parameters: a number for every frame, or beam."""
 
@@ -105,6 +113,42 @@ def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, kn
     by[LIFT] = float(to_values(LIFT_OF_ALL, refit.z)["error_rad"])
     finer = replace(registered, motion=registered.motion + by, frames=registered.frames + by)
     return place_mounting(replace(comparison, registration=finer), mounting.effects, known)
+
+
+def seen_from(
+    scan: Scan, effects: Mapping[str, Mapping[str, Float[np.ndarray, " k"]]]
+) -> tuple[Scan, Bool[np.ndarray, "f r n"]]:
+    """The scan (host memory) as a sensor sees it on which these effects act, and the rays of which it tells anything:
+    names and parameters of those of the catalogue that displace rays, each a number for every frame, or beam. What no
+    simulated ray met stays unknown: beside edges the nearest surface goes on."""
+    frames, _, columns = scan.range_m.shape
+    index = ray_index(scan, np.arange(frames), np.broadcast_to(np.arange(columns), (frames, columns)))
+    # Numbers of a frame stand before its columns and rows.
+    spread = {
+        name: {
+            key: np.asarray(value, np.float32)
+            if get_effect(name).parameters[key].shape == "row"
+            else np.asarray(value, np.float32)[:, None, None]
+            for key, value in values.items()
+        }
+        for name, values in effects.items()
+    }
+    met = {name: np.swapaxes(np.asarray(v), 1, 2) for name, v in _met(scan, index, spread).items()}
+    slopes = [np.asarray(slopes_of(scan.grid, r, h)) for r, h in zip(met["range_m"], met["hit"], strict=True)]
+    told = met.pop("told")
+    return replace(scan, **met, slopes=np.stack(slopes)), told
+
+
+@jax.jit
+def _met(scan: Scan, index: RayIndex, effects: dict[str, dict[str, Array]]) -> dict[str, Array]:
+    """The rasters of the surfaces that displaced rays meet, columns before rows."""
+    rays = rays_at(scan, index)
+    for name, values in effects.items():
+        rays = get_effect(name).apply(values, rays)
+    told = is_told(rays, scan)
+    rays = recast(rays, scan)
+    intensity = jnp.where(rays.hit, jnp.exp(rays.log_intensity), 0)
+    return {name: getattr(rays, name) for name in OF_SURFACE} | {"intensity": intensity, "told": told}
 
 
 def _of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> EffectValues:

@@ -24,8 +24,7 @@ from jaxsim.discover.checks import (
     unpartnered,
 )
 from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, with_planes
-from jaxsim.discover.model.evidence import Evidence, Measured, gather
-from jaxsim.discover.model.moved import same_surfaces, seen_by_both
+from jaxsim.discover.model.evidence import Evidence, Measured, gather, near_enough
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.register import register
@@ -231,6 +230,37 @@ def _evenly(count: int, most: int) -> list[int]:
     """At most so many of the numbers 0 to count - 1, from the middle of as many equal parts."""
     parts = min(count, most)
     return [(2 * k + 1) * count // (2 * parts) for k in range(parts)]
+
+
+def same_surfaces(scan: Scan, measured: Measured) -> tuple[Scan, Measured]:
+    """Both sides (in host memory) without the rays whose ranges are of different surfaces: between two moments things
+    move and come out from behind others, which no effect of a sensor should explain. They count as seen by neither.
+
+    A ray is kept by what its neighbours say, not by whether it returned itself: where both sides see one surface to
+    both sides of it, a ray that did not return was lost, and the share of these is that of all rays there.
+    """
+    hit, valid = np.asarray(scan.hit), np.asarray(measured.valid)
+    agree = hit & valid & np.asarray(near_enough(measured.range_m, scan.range_m))
+    same = hit & _amid(agree) & (agree | ~valid)
+    return seen_by_both(scan, measured, same=same)
+
+
+def seen_by_both(scan: Scan, measured: Measured, *, same: Bool[np.ndarray, "f r n"]) -> tuple[Scan, Measured]:
+    """Both sides (in host memory) with those rays alone; the others count as seen by neither."""
+    hit = np.asarray(scan.hit) & same
+    slopes = np.where(hit[..., None], scan.slopes, 0).astype(np.float32)
+    zeros = {name: np.where(hit, getattr(scan, name), 0) for name in ("range_m", "intensity", "incidence_rad")}
+    one = replace(scan, hit=hit, slopes=slopes, **{k: v.astype(np.float32) for k, v in zeros.items()})
+    # Where neither hits anything there is nothing to be of another moment.
+    return one, replace(measured, valid=np.asarray(measured.valid) & same)
+
+
+def _amid(agreed: np.ndarray) -> np.ndarray:
+    """Whether both neighbours of a ray, in its row or in its column, agree."""
+    wide = np.pad(agreed, ((0, 0), (1, 1), (1, 1)))
+    beside = wide[:, 1:-1, :-2] & wide[:, 1:-1, 2:]
+    above = wide[:, :-2, 1:-1] & wide[:, 2:, 1:-1]
+    return beside | above
 
 
 @dataclass(frozen=True)

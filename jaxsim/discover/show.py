@@ -9,20 +9,17 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.drawn import joined, rays_of, residual_curves, residual_maps, whole_frames
 from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps
-from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import Chain, Problem, fit
+from jaxsim.discover.model.fit import Chain, Problem, fit, in_place
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import fit_null, reweighted
+from jaxsim.discover.model.null import fit_null, on_evidence, refit, refitted, reweighted
 from jaxsim.discover.model.parameters import to_values, to_z
-from jaxsim.discover.model.together import in_place, refit, refitted
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, runner_up
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
@@ -58,7 +55,7 @@ def gap_with(
     fitted = (~judged).astype(np.float32)
 
     def with_effects(effects: Chain, noise: Noise) -> Problem:
-        return on_evidence(division, ev, null, effects=effects, noise=noise, fitted=fitted)
+        return on_evidence(division.scan, ev, null, effects=effects, noise=noise, fitted=fitted)
 
     # Effects leave less noise than the null has: each side is judged with its own.
     before = with_effects([], null.noise)
@@ -89,14 +86,6 @@ def gap_with(
     )
 
 
-def on_evidence(
-    division: Division, ev: Evidence, null: Problem, *, effects: Chain, noise: Noise, fitted: Float[np.ndarray, " b"]
-) -> Problem:
-    """The null model's problem on other evidence, with effects in place and the noise that they leave."""
-    problem = Problem(division.scan, ev, null.equations, noise, null.clutter)
-    return reweighted(in_place(problem, effects, simulated=True), fitted)
-
-
 def law_gains(
     division: Division, null: Problem, *, before: Problem, effects: Chain, added: Added, known: SensorModel
 ) -> bool:
@@ -106,10 +95,10 @@ def law_gains(
         return False
     ev, scene = division.all_evidence(known)
     fitted = (scene < len(division.parts.find)).astype(np.float32)
-    without = on_evidence(division, ev, null, effects=effects, noise=before.noise, fitted=fitted)
+    without = on_evidence(division.scan, ev, null, effects=effects, noise=before.noise, fitted=fitted)
     noise = refitted(in_place(null, added.chain)).noise
-    with_law = on_evidence(division, ev, null, effects=added.chain, noise=noise, fitted=fitted)
-    equations = on_evidence(division, ev, null, effects=[], noise=null.noise, fitted=fitted).equations
+    with_law = on_evidence(division.scan, ev, null, effects=added.chain, noise=noise, fitted=fitted)
+    equations = on_evidence(division.scan, ev, null, effects=[], noise=null.noise, fitted=fitted).equations
     apart = [distance(problem, fitted, equations, scene=scene) for problem in (without, with_law)]
     gained = (apart[1].log_likelihood - apart[0].log_likelihood).mean(0)
     return bool(gained[CHANNELS.index(added.learned.learned.channel)] > RULES.confirmed_nats)
@@ -129,8 +118,8 @@ def _frames(
     for chunk in whole_frames(division):
         ev, scene = chunk.division.all_evidence(known)
         fitted = (scene < len(division.parts.find)).astype(np.float32)
-        before = on_evidence(division, ev, null, effects=[], noise=null.noise, fitted=fitted)
-        after = on_evidence(division, ev, null, effects=chain, noise=noise, fitted=fitted)
+        before = on_evidence(division.scan, ev, null, effects=[], noise=null.noise, fitted=fitted)
+        after = on_evidence(division.scan, ev, null, effects=chain, noise=noise, fitted=fitted)
         for part in rays_of(before, after, fitted=fitted, chunk=chunk, curves=curves):
             parts.setdefault(part.name, []).append(part)
     return tuple(map(joined, parts.values()))

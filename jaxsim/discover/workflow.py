@@ -28,16 +28,16 @@ from jaxsim.discover.law.learn import curve_form
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.look_alikes import with_look_alikes
-from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.together import in_place, refitted
+from jaxsim.discover.model.fit import Problem, in_place
+from jaxsim.discover.model.null import refitted
 from jaxsim.discover.mounting import named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.name.answer import Answer, name_effects, without_curve
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.select import Choice, Log
 from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
-from jaxsim.discover.regimes import Divided, find_regimes
-from jaxsim.discover.repeats import examine, formula_of, one_sided, with_repeats, with_what_repeats
+from jaxsim.discover.regimes.find import Divided, find_regimes
+from jaxsim.discover.repeats.examine import examine, formula_of, one_sided, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, unrelated
 from jaxsim.discover.show import law_gains, sensor_of, show_gap, with_mounting, without_unconfirmed

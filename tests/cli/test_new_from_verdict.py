@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli import main
-from jaxsim.discover.covariates import CURVES, with_basis
-from jaxsim.discover.find import Dependence
+from jaxsim.discover.covariates import CURVES, Dependence, with_basis
 from jaxsim.discover.law.learn import curve_form, learn
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.evidence import gather

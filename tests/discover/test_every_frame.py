@@ -10,9 +10,8 @@ from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import every_frame, read
 from jaxsim.discover.every_frame import HeldAnswer, block_of, judge_rest
 from jaxsim.discover.model.cast import cast
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null import fit_null, refit
 from jaxsim.discover.model.parameters import to_z
-from jaxsim.discover.model.together import refit
 from jaxsim.discover.mounting import Mounting
 from jaxsim.discover.read import NOTHING_YET, Division, read_comparison
 from jaxsim.effects import get_effect

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.covariates import curve_basis
-from jaxsim.discover.find import Additive, Dependence, interactions, localise, reported, spelled
+from jaxsim.discover.covariates import Dependence, curve_basis, spelled
+from jaxsim.discover.find import Additive, interactions, localise, reported
 
 SCENES, EACH = 8, 50
 """Of the additive model's residuals."""

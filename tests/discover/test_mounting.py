@@ -1,15 +1,25 @@
-"""A mounting that is off by the same in all scenes, put in place and priced."""
+"""A mounting that is off by the same in all scenes, put in place and priced; frames as they would be seen from
+elsewhere, held against frames that were cast there."""
 
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from jaxsim.discover import mounting
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.mounting import LIFT_OF_ALL, gains, named_mounting, place_mounting, refine_lift, registered_of
+from jaxsim.discover.mounting import (
+    LIFT_OF_ALL,
+    gains,
+    named_mounting,
+    place_mounting,
+    refine_lift,
+    registered_of,
+    seen_from,
+)
 from jaxsim.discover.read import NOTHING_YET, Comparison
 from jaxsim.discover.register.registration import LIFT, MOTION_PARTS
 from jaxsim.discover.scenes import split_scenes
@@ -18,9 +28,11 @@ from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region
 from jaxsim.effects.scan import scan_of
+from jaxsim.frame import PolarImage
 from tests.discover.rooms import GRID, measured_of, registered, rooms, seen
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
+POSES = np.array([[0.4, -0.2, 0.1, 0, 0, 0], [0, 0, 0, 0.01, -0.005, 0.03], [3.0, 0, 0, 0, 0, 0.02]])
 NAMES = tuple(f"s{k}" for k in range(12))
 
 
@@ -159,3 +171,55 @@ def test_frames_of_one_drive_find_and_judge_in_turn():
     poses = np.full((9, 8), 0.1)
     find, judge = gains(poses, MOTION_PARTS["extrinsic_rotation"], scenes=["drive"] * 9, parts=split_scenes(NAMES))
     assert (len(find), len(judge)) == (6, 3)
+
+
+def effects(poses):
+    yaw, pitch, roll = Rotation.from_rotvec(poses[:, 3:]).as_euler("ZYX").T
+    x, y, z = poses[:, :3].T
+    return {
+        "extrinsic_rotation": {"roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw},
+        "extrinsic_translation": {"x_m": x, "y_m": y, "z_m": z},
+    }
+
+
+def test_ranges_are_those_seen_from_there():
+    streets = rooms(3)
+    moved, _ = seen_from(scan_of(GRID, [seen(room) for room in streets]), effects(POSES))
+    truth = np.stack([np.asarray(seen(r, p).range_m) for r, p in zip(streets, POSES, strict=True)])
+    off = np.abs(moved.range_m - truth) / truth
+    assert np.median(off) < 1e-4
+    assert np.quantile(off, 0.9) < 0.03
+
+
+def test_lifted_beams_see_what_lies_higher():
+    streets = rooms(3)
+    lift = {"beam_elevation_error": {"error_rad": np.full(24, 0.0087)}}
+    moved, _ = seen_from(scan_of(GRID, [seen(room) for room in streets]), lift)
+    truth = np.stack([np.asarray(seen(room, lift=0.0087).range_m) for room in streets])
+    assert np.median(np.abs(moved.range_m - truth) / truth) < 1e-4
+
+
+def test_a_sensor_that_stays_sees_what_it_saw():
+    scan = scan_of(GRID, [seen(room) for room in rooms(2)])
+    same, told = seen_from(scan, effects(np.zeros((2, 6))))
+    np.testing.assert_allclose(same.range_m, scan.range_m, rtol=1e-6)
+    np.testing.assert_allclose(same.intensity, scan.intensity, rtol=1e-5)
+    np.testing.assert_array_equal(same.semantic, scan.semantic)
+    assert told.all()
+
+
+def test_beyond_the_image_and_where_surfaces_end_nothing_is_told():
+    scan = scan_of(GRID, [seen(room) for room in rooms(2)])
+    step = GRID.elevation_rad[0] - GRID.elevation_rad[1]
+    lift = {"beam_elevation_error": {"error_rad": np.full(24, 4.2 * step)}}
+    _, told = seen_from(scan, lift)
+    # Two rows beyond the image its surfaces go on.
+    assert not told[:, :2].any()
+    assert told[:, 3:].mean() > 0.95
+    # Where between two beams the ground ends is in no frame.
+    down = -np.asarray(GRID.elevation_rad)[:, None] + np.zeros(180)
+    flat = np.where(down > 0.02, 1.7 / np.sin(np.maximum(down, 0.02)), 0).astype(np.float32)
+    ground = scan_of(GRID, [PolarImage(flat, (flat > 0).astype(np.float32), flat > 0)])
+    _, told = seen_from(ground, {"beam_elevation_error": {"error_rad": np.full(24, 0.3 * step)}})
+    first = int(np.argmax(down[:, 0] > 0.02))
+    np.testing.assert_array_equal(told[0, :, 0], ~np.isin(np.arange(24), (first - 1, first)))

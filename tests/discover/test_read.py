@@ -8,9 +8,11 @@ import pytest
 
 from jaxsim.data.polar_frames import read_frame, write_frame, write_grid
 from jaxsim.discover import read
-from jaxsim.discover.read import Comparison, Division, read_comparison, read_part
+from jaxsim.discover.read import Comparison, Division, read_comparison, read_part, same_surfaces
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
+from tests.discover import rooms
 from tests.discover.toy import toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
@@ -206,3 +208,32 @@ def test_known_effects_are_in_place(division):
     hit = np.asarray(bare.rays.hit)
     lost = np.asarray(placed.rays.log_keep - bare.rays.log_keep)[hit]
     np.testing.assert_allclose(lost, np.log(0.75), rtol=1e-5)
+
+
+def test_what_moved_is_seen_by_neither_side_and_a_lost_ray_stays_lost():
+    streets = rooms.rooms(2)
+    scan = scan_of(rooms.GRID, [rooms.seen(room) for room in streets])
+    measured = rooms.measured_of([rooms.seen(room) for room in streets])
+    moving = np.zeros(scan.hit.shape, bool)
+    moving[:, 4:12, 20:30] = True
+    measured.range_m[moving] -= 2
+    measured.valid[0, 15, 100] = False
+    one, other = same_surfaces(scan, measured)
+    assert not one.hit[moving].any()
+    assert not other.valid[moving].any()
+    assert one.hit[0, 15, 100]
+    assert not other.valid[0, 15, 100]
+    # A ray in a corner of the image has no two neighbours.
+    assert (~one.hit[~moving]).sum() == 2 * 4
+
+
+def test_the_share_of_lost_rays_is_that_of_all():
+    scan = scan_of(rooms.GRID, [rooms.seen(room) for room in rooms.rooms(6)])
+    measured = rooms.measured_of([rooms.seen(room) for room in rooms.rooms(6)])
+    lost = np.random.default_rng(0).random(scan.hit.shape) < 0.1
+    measured.range_m[:, 4:12, 20:60] -= 2
+    measured.valid[lost] = False
+    one, other = same_surfaces(scan, measured)
+    kept = np.asarray(one.hit)
+    share = 1 - np.asarray(other.valid)[kept].mean()
+    assert abs(share - 0.1) < 3 * np.sqrt(0.09 / kept.sum())

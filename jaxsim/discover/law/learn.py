@@ -16,8 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COVARIATES, CURVES, Heights, fixed_basis, values_of, with_columns
-from jaxsim.discover.find import Dependence
+from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, Heights, fixed_basis, values_of, with_columns
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects

@@ -41,6 +41,8 @@ FIRM = 1e12
 """1 / variance of what has no reflectance of its own."""
 PATCH_M = 6.0
 """Ground and walls are alike over about so much."""
+STEEPEST_COSINE = 0.1
+"""Cosines of incidence below this are held there: intensities are not divided by less."""
 ROOM = 2048
 """Strips and surfaces are counted up to a multiple of this, so that fits of other frames need not be compiled again."""
 

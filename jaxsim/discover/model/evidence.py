@@ -23,8 +23,8 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter1d
 
-from jaxsim.discover.model.cast import Cast, RayIndex, Surfaces, cast, edges, ray_index, surfaces_of
-from jaxsim.discover.model.noise_levels import FINEST, STEEPEST_COSINE, lattice_step
+from jaxsim.discover.model.cast import STEEPEST_COSINE, Cast, RayIndex, Surfaces, cast, edges, ray_index, surfaces_of
+from jaxsim.discover.model.noise_levels import FINEST, lattice_step
 from jaxsim.discover.model.simulator import OF_DETAIL, AtRays, Meant, at_rays
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.catalogue.edge_dropout import at_edge

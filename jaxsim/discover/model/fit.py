@@ -31,7 +31,7 @@ from jaxsim.discover.model.noise import LEAST, MOST, NOISE_SD, Noise
 from jaxsim.discover.model.parameters import prior, ravel, restorer, to_z
 from jaxsim.discover.model.random_effects import NormalEquations
 from jaxsim.discover.scenes import folds
-from jaxsim.effects import Law
+from jaxsim.effects import EFFECTS, Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
@@ -264,3 +264,11 @@ def all_on_top(effects: Chain, problem: Problem, *, simulated: bool = False) -> 
     for effect, z in effects:
         problem = on_top(effect, problem, z, simulated=simulated)
     return problem
+
+
+def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Problem:
+    """The null with these effects on top, in physical order, learned laws last; its nuisances are not refitted."""
+    # Effects do not commute (a ceiling cuts what a gain has raised): the catalogue's order is that of the light's way.
+    order = {name: k for k, name in enumerate(EFFECTS)}
+    physical = sorted(effects, key=lambda pair: order.get(pair[0].plain_name, len(order)))
+    return all_on_top(physical, null, simulated=simulated)

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import nnls
 
+from jaxsim.discover.model.cast import STEEPEST_COSINE
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, Scan
@@ -32,8 +33,6 @@ BINS = 12
 """Bins of intensity, over which noise is told apart into a constant and a proportional part."""
 MOST_VALUES = 200_000
 """Readings, evenly chosen, in which a lattice is looked for."""
-STEEPEST_COSINE = 0.1
-"""Cosines below this are held there: intensities are not divided by less."""
 
 
 def lattice_step(values: Float[np.ndarray, " n"], *, finest: float) -> float:

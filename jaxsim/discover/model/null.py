@@ -1,4 +1,5 @@
-"""The null model: the simulation as it is, with its nuisances fitted; and what it says of the power of echoes.
+"""The null model: the simulation as it is, with its nuisances fitted; effects fitted beside one another on top of it;
+and what it says of the power of echoes.
 
 No file holds an echo's power. The simulator's rests on its table of reflectances, and on its angles. How far it is
 off, the measured intensities tell: surface by surface on average, and ray by ray as a spread.
@@ -6,8 +7,9 @@ off, the measured intensities tell: surface by surface on average, and ray by ra
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +17,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import Fit, Problem, fit_noise
+from jaxsim.discover.model.fit import Chain, Fit, Problem, fit, fit_noise, in_place
 from jaxsim.discover.model.likelihood import MOST_LIKELY, log_lost
 from jaxsim.discover.model.noise import START, Noise, intensity_variance, reading_variance
+from jaxsim.discover.model.noise_levels import FINEST
+from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals, normal_equations
+from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
@@ -29,6 +34,8 @@ ROUNDS = 2
 """Rounds of noise given weights and weights given noise."""
 FEW = 5.0
 """Compared rays up to which a surface is thought to be like its class, and a class like all."""
+SWEEPS = 2
+"""Passes over several effects, each fitted beside the others."""
 
 
 @jax.jit
@@ -120,6 +127,55 @@ def reweighted(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Problem:
     raw = normal_equations(problem.ev, problem.noise, first_residuals(problem.ev))
     off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
     return replace(problem, equations=normal_equations(problem.ev, problem.noise, off))
+
+
+def on_evidence(
+    scan: Scan, ev: Evidence, null: Problem, *, effects: Chain, noise: Noise, fitted: Float[np.ndarray, " b"]
+) -> Problem:
+    """The null model's problem on other evidence, with effects in place and the noise that they leave."""
+    problem = Problem(scan, ev, null.equations, noise, null.clutter)
+    return reweighted(in_place(problem, effects, simulated=True), fitted)
+
+
+@dataclass(frozen=True)
+class Refit:
+    """An effect fitted with all others in place."""
+
+    effect: Law
+    problem: Problem
+    """The problem in which it was fitted."""
+    fit: Fit
+
+
+def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) -> tuple[Refit, ...]:
+    """Each effect fitted with all others in place, from the given z, and where others are in place at first also from
+    its own starts: alone it may have taken the form that says best what is theirs. The nuisances of `null` are fitted;
+    they are again beside other effects."""
+    values = dict(enumerate(z))
+    refits: dict[int, Refit] = {}
+    for sweep in range(SWEEPS if len(effects) > 1 else 1):
+        for k, effect in enumerate(effects):
+            others = [(effects[j], values[j]) for j in range(len(effects)) if j != k]
+            # Beside other effects the nuisances are others: what an effect took up is theirs no longer.
+            problem = in_place(null, others)
+            if others:
+                problem = refitted(problem)
+            # Values that are read off the data (steps of rounding) stay.
+            read = effect.name in FINEST
+            fitted_values = {n: np.asarray(v) for n, v in to_values(effect, values[k]).items()}
+            starts: list[tuple[dict[str, Any], ...]] = [(fitted_values,)]
+            if sweep == 0 and others and effect.starts and not read:
+                starts.append(effect.starts)
+            fits = [fit(effect, problem, problem.ev.all_blocks, starts=start, steps=80, fixed=read) for start in starts]
+            result = min(fits, key=lambda one: one.loss)
+            values[k] = result.z
+            refits[k] = Refit(effect, problem, result)
+    return tuple(refits[k] for k in range(len(effects)))
+
+
+def refitted(problem: Problem) -> Problem:
+    """The null fitted again to the problem's rays, with the effects that are in place."""
+    return fit_null(problem.scan, problem.ev, problem.ev.all_blocks, clutter=problem.clutter)[0]
 
 
 @jax.jit

@@ -17,16 +17,8 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.cast import RayIndex, Surfaces
-from jaxsim.discover.model.noise_levels import (
-    BINS,
-    STEEPEST_COSINE,
-    Levels,
-    cosine_of,
-    filled,
-    lattices_of,
-    noise_levels,
-)
+from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex, Surfaces
+from jaxsim.discover.model.noise_levels import BINS, Levels, cosine_of, filled, lattices_of, noise_levels
 from jaxsim.discover.model.smooth import Smooth, smooth_frames, window_columns
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Scan

@@ -16,7 +16,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.noise_levels import STEEPEST_COSINE
+from jaxsim.discover.model.cast import STEEPEST_COSINE
 from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.frame import Array

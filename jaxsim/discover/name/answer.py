@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Int
 
-from jaxsim.discover.find import Dependence, localise, spelled
+from jaxsim.discover.covariates import Dependence, spelled
+from jaxsim.discover.find import localise
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import standardised

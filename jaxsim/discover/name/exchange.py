@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsim.discover.covariates import CURVES, fixed_basis, values_of, with_columns
-from jaxsim.discover.find import Dependence
+from jaxsim.discover.covariates import CURVES, Dependence, fixed_basis, values_of, with_columns
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Fit, Problem, channels_of, fit, fit_noise
 from jaxsim.discover.model.null import fit_null, implied_level

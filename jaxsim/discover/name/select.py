@@ -14,10 +14,10 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.fit import Fit, Problem, fit
+from jaxsim.discover.model.fit import Fit, Problem, fit, in_place
 from jaxsim.discover.model.noise_levels import FINEST
+from jaxsim.discover.model.null import refit, refitted
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.discover.model.together import in_place, refit, refitted
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value

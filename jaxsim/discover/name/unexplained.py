@@ -12,8 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.discover.covariates import ALTERNATING, CATEGORICAL, CURVES, NAMED, fixed_basis, values_of, with_basis
-from jaxsim.discover.find import Dependence
+from jaxsim.discover.covariates import (
+    ALTERNATING,
+    CATEGORICAL,
+    CURVES,
+    NAMED,
+    Dependence,
+    fixed_basis,
+    values_of,
+    with_basis,
+)
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects

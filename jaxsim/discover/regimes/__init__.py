@@ -11,7 +11,3 @@ In the order in which to read it:
     JudgeScenes     whether scenes that nothing was fitted to gain by it (`confine` too)
     regime_of       the verdict's entry (`find`)
 """
-
-from jaxsim.discover.regimes.find import Divided, find_regimes
-
-__all__ = ["Divided", "find_regimes"]

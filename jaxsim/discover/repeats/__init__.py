@@ -16,9 +16,3 @@ Of a mixed model with covariance V, V^-1 (y - X b) is R^-1 times the residual th
 taken out. So sums of weight times residual are the efficient score of a pattern, though levels of strips take up most
 of what differs between columns; the size follows from what the same levels leave of a made pattern (`Maps.response`).
 """
-
-from jaxsim.discover.repeats.examine import examine, formula_of, one_sided, with_repeats, with_what_repeats
-from jaxsim.discover.repeats.find import find_repeats
-from jaxsim.discover.repeats.maps import Maps, maps_of
-
-__all__ = ["Maps", "examine", "find_repeats", "formula_of", "maps_of", "one_sided", "with_repeats", "with_what_repeats"]

@@ -15,11 +15,10 @@ from jaxsim.discover.add import Added
 from jaxsim.discover.law.search import VARIABLES
 from jaxsim.discover.model.cast import blocks, cast
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import Chain, Problem
+from jaxsim.discover.model.fit import Chain, Problem, in_place
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import first_residuals
+from jaxsim.discover.model.null import first_residuals, refitted
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
-from jaxsim.discover.model.together import in_place, refitted
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.read import NOTHING_YET, Division

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.find import Dependence
+from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.name.select import Selection, Step, worse
 from jaxsim.discover.name.unexplained import shape_of
 from jaxsim.discover.rules import RULES

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.add import Added, add_effects
-from jaxsim.discover.covariates import CURVES, with_basis
-from jaxsim.discover.find import Dependence, find_dependences
+from jaxsim.discover.covariates import CURVES, Dependence, with_basis
+from jaxsim.discover.find import find_dependences
 from jaxsim.discover.law.learn import Form, curve_form
 from jaxsim.discover.law.search import closed_law
-from jaxsim.discover.model.together import in_place, refitted
+from jaxsim.discover.model.fit import in_place
+from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.scenes import fold_half_width, jackknife_sd, student_reach

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.model.evidence import gather
-from jaxsim.discover.model.fit import Objective, channels_of, fit, on_top, partway, score_at
+from jaxsim.discover.model.fit import Objective, channels_of, fit, in_place, on_top, partway, score_at
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.effects import EFFECTS
@@ -79,3 +79,13 @@ def test_the_objective_takes_and_gives_the_tree_of_z_and_noise(problem):
     assert objective.own == 16
     for one, other in zip(jax.tree.leaves(noise), jax.tree.leaves(problem.noise), strict=True):
         assert one == other
+
+
+def test_effects_are_put_in_place_in_physical_order(problem):
+    names = ("beam_gain", "range_falloff")
+    z = {name: fit(EFFECTS[name], problem, EVERYONE).z for name in names}
+    light = [
+        in_place(problem, [(EFFECTS[name], z[name]) for name in order]).ev.rays.log_intensity
+        for order in (names, names[::-1])
+    ]
+    np.testing.assert_array_equal(*light)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.find import Dependence
+from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.name import answer
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.select import Choice

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.find import Dependence
+from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.name.unexplained import agreed, shape_of
 from tests.discover.name.made import candidate
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.discover.repeats import Maps
+from jaxsim.discover.repeats.maps import Maps
 
 SCENES, FIND = 14, 9
 ROWS, COLUMNS, SHOWN = 16, 96, 64

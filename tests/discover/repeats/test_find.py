@@ -6,8 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from jaxsim.discover.repeats import find_repeats
-from jaxsim.discover.repeats.find import of_maps, of_patterns, scatter
+from jaxsim.discover.repeats.find import find_repeats, of_maps, of_patterns, scatter
 from jaxsim.discover.scenes import signs_of
 from tests.discover.repeats.made import COLUMN, COLUMNS, FINDING, ROW, ROWS, maps
 

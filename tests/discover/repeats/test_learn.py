@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.repeats import find_repeats, formula_of
+from jaxsim.discover.repeats.examine import formula_of
+from jaxsim.discover.repeats.find import find_repeats
 from jaxsim.discover.repeats.learn import conjugate_gradients, learn_repeats, pattern_form
 from jaxsim.effects.learned import Learned
 from tests.discover.repeats.made import COLUMN, COLUMNS, FINDING, ROW, ROWS, maps
