@@ -129,3 +129,54 @@ def modules_used(part: ast.AST) -> set[str]:
     own = {part.value.id} if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) else set()
     inner = [child for child in ast.iter_child_nodes(part) if child is not getattr(part, "returns", None)]
     return own.union(*(modules_used(child) for child in inner))
+
+
+DISCOVER = [module for module in MODULES if module.startswith("discover/") and module != "discover/rules.py"]
+OF_RULES = ("_NATS", "_LEVEL", "_SHARE")
+"""Ends of the names of thresholds on an answer: gains, probabilities of tests, and shares of either."""
+
+
+def constants(module: str) -> dict[str, tuple[ast.expr, str]]:
+    """Values and texts of a module's constants, by name."""
+    body = tree(module).body
+    result = {}
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        text = after.value if isinstance(after, ast.Expr) else None
+        if isinstance(node, ast.Assign):
+            said = text.value if isinstance(text, ast.Constant) and isinstance(text.value, str) else ""
+            names = [name.id for name in ast.walk(node.targets[0]) if isinstance(name, ast.Name)]
+            result |= {name: (node.value, said) for name in names if name.isupper()}
+    return result
+
+
+def test_a_constant_of_discover_has_one_value_and_a_text_where_it_is_a_number():
+    """And what decides about an answer is a rule (`discover/rules.py`)."""
+    homes: dict[str, str] = {}
+    for module in DISCOVER:
+        for name, (value, text) in constants(module).items():
+            assert homes.setdefault(name, module) == module, f"{name} of {module} and {homes[name]}"
+            values = [node.value for node in ast.walk(value) if isinstance(node, ast.Constant)]
+            numbers = [one for one in values if type(one) in (int, float)]
+            assert text or not numbers, f"{module}: {name} does not say what it is"
+            assert not name.endswith(OF_RULES), f"{module}: {name} decides, and belongs to the rules"
+
+
+@pytest.mark.parametrize("room", ["model", "unpaired"])
+def test_the_page_of_a_model_names_its_priors(room):
+    """Each name that it gives is there, and no standard deviation of a prior is left out."""
+    page = ast.get_docstring(tree(f"discover/{room}/__init__.py")) or ""
+    named = set()
+    for home, names in re.findall(r"\b([a-z_]+)\.((?:_?[A-Z][A-Z_]+(?:, )?)+)", page):
+        paths = [f"discover/{folder}{home}.py" for folder in (f"{room}/", "model/", "")]
+        known = constants(next(path for path in paths if path in MODULES))
+        assert {*names.removesuffix(", ").split(", ")} <= {*known}, f"{home} has not all of {names}"
+        named |= {*names.split(", ")}
+    priors = {
+        name
+        for module in DISCOVER
+        if module.startswith(f"discover/{room}/")
+        for name in constants(module)
+        if name.endswith(("_SD", "_PRECISION"))
+    }
+    # These two say in standard deviations of the noise which neighbours are of another surface.
+    assert priors - named == {"FARTHEST_SD", "OTHER_MATERIAL_SD"} & priors

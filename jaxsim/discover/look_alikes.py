@@ -43,7 +43,7 @@ RAY_MOST = 10.0
 """Standard deviations that one ray counts for at most: jumps to another surface are as good as lost."""
 MOST_RAYS = 5000
 """Compared at most."""
-STEPS = 30
+IMITATION_STEPS = 30
 """Steps of the optimiser: the share in common needs two digits, no more."""
 PART_BINS = 12
 """Bins of a covariate along which two effects may part."""
@@ -150,7 +150,10 @@ def _imitated(other: Effect, changed: np.ndarray, rays: Rays, *, scan: Scan) -> 
     starts = [ravel(to_z(other, start, rows)) for start in ({}, trial_values(other)[1][1], *other.starts)]
     # At neutral some have no slope; from afar some have another basin.
     begin = [starts[0], min(starts[1:], key=lambda x: loss(x)[0])]
-    fits = [minimize(loss, x, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}) for x in begin]
+    fits = [
+        minimize(loss, x, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": IMITATION_STEPS})
+        for x in begin
+    ]
     best = min(fits, key=lambda one: float(one.fun))
     return np.asarray(slope(best.x)[0][1])
 

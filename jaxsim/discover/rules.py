@@ -2,9 +2,8 @@
 
 What the model itself assumes (noise scales, priors of effects, bounds, steps of an optimiser) stands with the model
 (`discover/model`). Here stands what turns its numbers into an answer: how many scenes, how many nats, which
-probability, how much worse. Those of which it says so were set on development cases of `benchmarks/blind` (seeds below
-10000); the sealed ones, on which nothing was tuned, say how often they err (docs/discover-rates.md). The others follow
-from another rule, as their text says, or are conventions.
+probability, how much worse. Some were set on development cases of `benchmarks/blind` (seeds below 10000), as they say;
+how often they err, sealed cases tell (docs/discover-rates.md). The others follow from a rule, or are conventions.
 """
 
 from __future__ import annotations
@@ -22,8 +21,7 @@ class Rules:
 
     # Scenes: their division, and what few of them may decide.
     fewest_scenes: int = 10
-    """Scenes that a verdict needs: 3 to judge on and 7 to find with, for signs of fewer, in the better of two tests
-    (2 x 2^-7), cannot reach `agreement_level`."""
+    """Scenes that a verdict needs: 3 to judge on and 7 to find with: signs of fewer cannot reach `agreement_level`."""
     judge_share: float = 1 / 3
     """Share of the scenes that is kept for judging."""
     folds: int = 3
@@ -75,6 +73,9 @@ class Rules:
     development cases reach 0.05 m; at 10 Hz it is 1.5 m/s ..."""
     driven_sd: float = 3.0
     """... and in how many standard deviations of its own: few rays without a surface have ways of 0.2 m by chance."""
+    registered_least: tuple[float, float, float] = (0.006, 0.0003, 0.02)
+    """Half widths of a motion's shift (m), turn (rad) and way during a scan (m) at least: planes through neighbouring
+    cells are that far off on development cases (`python -m benchmarks.blind.placed`), however many scenes there are."""
     apart_m: float = 0.15
     """Scatter of frames along their heading (median deviation) from which on they are of other moments than their
     partners: poses of frames scatter by 2 cm on development cases ..."""
@@ -131,6 +132,8 @@ class Rules:
     """Ratio of variances up to which intensities follow the cosine as well as they follow none."""
 
     # Find: dependences of residuals on covariates.
+    most_residual_sd: float = 4.0
+    """Standard deviations at which residuals of ln I and of ranges are held: heavy tails must not decide."""
     knots: int = 10
     """Knots of a covariate's curve; a free curve that competes with effects has twice as many."""
     interaction_knots: int = 5
@@ -211,7 +214,6 @@ class Rules:
     """To say `not_in_catalogue` a free curve must gain so many times what its channel's named effects do ..."""
     curve_margin_nats: float = 10.0
     """... and so much more."""
-
     shape_price: float = 0.1
     """Each number of a curve's shape (line, step, wave) counts like this share of what the shape leaves unexplained."""
     shape_unlike: float = 0.6
@@ -259,7 +261,6 @@ class Rules:
     """Share of an effect taken up by nuisances, from which on they are said to hide it; else too few rays show it."""
     agreeing_scenes: int = 7
     """Scenes that must each gain a nat or so for the test over scenes to pass at `agreement_level`: 2 x 2^-7."""
-
     other_surface_m: float = 0.3
     """Change of a range from which on another surface is met."""
     ray_nats: float = 4.0

@@ -34,9 +34,10 @@ _Columns = Float[np.ndarray, "c n m"]
 HALVES = tuple(k / 2 for k in range(-6, 7) if k not in (0, 2))
 """Exponents: a physical law's are seldom others."""
 EXPONENTS = np.linspace(-4, 4, 33)
-"""Exponents between which a free one lies."""
+"""Exponents of which the best is where the search for a free one begins, a quarter apart."""
 _Curves = Float[np.ndarray, "t n"]
 GOLDEN = (np.sqrt(5) - 1) / 2
+"""Share of its bracket that a section keeps: of two inner points one serves the next section again."""
 SECTIONS = 24
 """Steps of a golden-section search: the bracket shrinks to 1e-5 of itself."""
 VARIABLES = {

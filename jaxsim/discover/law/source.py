@@ -29,6 +29,7 @@ FITTED_NAMES = ("level", "size", "edge", "exponent", "scale", "period", "phase")
 LONGEST = 400
 """Characters: four times the longest of the grammar."""
 MOST_VALUE = 1e12
+"""Largest number that a stranger's law may hold, far beyond what a fit gives."""
 _OPERATIONS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 _FOR_PEOPLE = re.compile(r"[\w .,+\-·*/^()≥π²³]*")
 STAGE_OF = {"intensity": "receiver", "range": "ranging", "drop": "detection"}

@@ -59,15 +59,21 @@ noise by L-BFGS-B, twice; noise once more. The weights then stay for all effects
 Priors and bounds, and where they are set
     z       scalars N(0, 3), entries of vectors N(0, 1); the effect's bounds       parameters.LOOSE, effects/catalogue
     n       N(n_0, 2), n_0 where the fit begins; bounds                            noise.NOISE_SD, START, MOST, LEAST
-    beta    kinds 0.3 nats, at most 0.7; curvature; shift; normals; gain free    evidence, random_effects.CLASS_MOST
-    street  0.1 nats; object 0.2, patch of 6 m 0.15; strip 0.1                     cast.STREET_SD, OBJECT_SD ...
-    pose    2 cm, 1 mrad an axis; at most 15 % of a range       evidence.POSE_SD, random_effects.POSE_MOST
-    tails; widths of near, wide, mixed pixels, pile at the top                     noise.DEGREES, likelihood
-    rays between two surfaces of frames that are cast again: 3 %                   read.UNKNOWN_BETWEEN
-    which rays are compared; edges; planes                                         Rules.compared_, cast
-    which columns of which frames                                                  cast.RAYS, SECTORS
-    noise that a simulator has: how it is told, on which surfaces, how smooth      noise_levels, simulator, smooth
-    rounding                                                                       Rules.finest_step, lattice_
+    beta    kinds 0.3 nats, held within 0.7                                evidence.CLASS_SD, random_effects.CLASS_MOST
+            curvature 0.002; shift 0.002 rad^2                             evidence.CURVATURE_SD, SHIFT_SD
+            share of disagreeing normals 1, of detail 1; gain free      evidence.NORMALS_SD, DETAIL_SD, GAIN_PRECISION
+    street  0.1 nats; strip 0.1                                            cast.STREET_SD, STRIP_SD
+    surface object 0.2, patch of 6 m 0.15                                  cast.OBJECT_SD, PATCH_SD, PATCH_M
+    pose    2 cm, 1 mrad an axis; moves a reading by 15 % at most          evidence.POSE_SD, random_effects.POSE_MOST
+    power   of a surface like its class's, as firmly as by 5 rays          null.FEW
+    tails   Student-t of 4 degrees; far off 1 m; near 5 cm                 noise.DEGREES, likelihood._WIDE_M, _EDGE_SD_M
+    top     readings within 1 % of it pile up, beyond it cost 10 nats      likelihood._PILE, _ABOVE_TOP
+    rays between two surfaces of frames that are cast again: 3 %           read.UNKNOWN_BETWEEN
+    edges and planes, by bends of 3 % and 1 % of 1 / range                 cast.BEND, PLANAR
+    kinds without classes: level ground, albedo                            evidence.LEVEL_RAD, KNOT_QUANTILES
+    which rays are compared; which lie on a lattice                        Rules.compared_, finest_step, lattice_
+    which columns of which frames                                          cast.RAYS, SECTORS
+    noise that a simulator has: how it is told; how smooth surfaces are    noise_levels.QUANTILE, smooth.PLANE_MISFIT
 
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.
 

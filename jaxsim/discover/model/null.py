@@ -23,14 +23,13 @@ from jaxsim.discover.model.noise import START, Noise, intensity_variance, readin
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals, normal_equations
+from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
 
-CLIP = 4.0
-"""Standardised residuals are held within this."""
-ROUNDS = 2
+NULL_ROUNDS = 2
 """Rounds of noise given weights and weights given noise."""
 FEW = 5.0
 """Compared rays up to which a surface is thought to be like its class, and a class like all."""
@@ -87,9 +86,9 @@ def _standardised(
     heavy_tails: bool,
 ) -> Residuals:
     z = off / sd
-    # Heavy tails must not decide; a lost ray is as far off as its probability says.
+    # Of returns there are no tails: a lost ray is as far off as its probability says.
     if heavy_tails:
-        z = np.clip(z, -CLIP, CLIP)
+        z = np.clip(z, -RULES.most_residual_sd, RULES.most_residual_sd)
     return Residuals(off, z / max(float(z[counts].std()), 1e-3) if counts.any() else z, counts)
 
 
@@ -106,11 +105,11 @@ def fit_null(
 ) -> tuple[Problem, Fit]:
     """Fits noise scales, rates, reflectances and poses of the rays as they stand.
 
-    Robust weights need residuals, residuals need weights: noise and weights are fitted in turn, ROUNDS times, and the
-    noise once more; then the weights stay, for all effects that are held against this null.
+    Robust weights need residuals, residuals need weights: noise and weights are fitted in turn, NULL_ROUNDS times, and
+    the noise once more; then the weights stay, for all effects that are held against this null.
     """
     noise, residuals = START, first_residuals(ev)
-    for _ in range(ROUNDS):
+    for _ in range(NULL_ROUNDS):
         problem = Problem(scan, ev, normal_equations(ev, noise, residuals), noise, clutter)
         noise = fit_noise(problem, fitted).noise
         residuals = conditional_residuals(ev, problem.equations, jnp.asarray(fitted, jnp.float32))

@@ -48,11 +48,11 @@ FARTHEST_SD = 4.0
 """A neighbour farther off the plane through a window than so many times the noise is of another surface ..."""
 FARTHEST = 0.01
 """... where that is more than this share of 1 / range: surfaces are rough."""
-LEAST_SHARE = 0.75
+LEAST_OF_NEIGHBOURS = 0.75
 """Share of the neighbours that may be of a ray's surface, by weight, of which its plane must be made."""
-RIDGE = 1e-2
+SLOPE_PULL = 1e-2
 """Pull of a window's slopes to 0, in rays at its end."""
-ROUNDS = 3
+LINE_ROUNDS = 3
 """Rounds of weights given a line and a line given weights."""
 
 
@@ -230,7 +230,7 @@ def _smooth_row(
     misfit = jnp.sqrt((weight * off**2).sum(0) / jnp.maximum(weight.sum(0), 1e-6))
     plane = trusted & (weight[middle] > 0) & (range_leverage < MOST_RANGE_LEVERAGE)
     # Where many neighbours had to be left out, those that stayed may lie on two surfaces.
-    plane = plane & (weight.mean(0) > LEAST_SHARE * window.same.mean(0))
+    plane = plane & (weight.mean(0) > LEAST_OF_NEIGHBOURS * window.same.mean(0))
     plane = plane & (misfit < PLANE_MISFIT * jnp.maximum(range_sd_m * own_q, 1e-4))
     # The plane's normal is (1, u, v) by middle ray, left and up (effects.scan).
     u, v = of_ratio[1] / of_ratio[0] / reach, of_ratio[2] / of_ratio[0] / reach
@@ -261,7 +261,7 @@ def _weights(window: Window, *, noise: Float[Array, " c"]) -> tuple[Float[Array,
         return jnp.where(window.same & (jnp.abs(off) < limit), (1 - (off / limit) ** 2) ** 2, 0.0), off
 
     start = window.same.astype(jnp.float32), jnp.zeros_like(window.ratio)
-    return jax.lax.fori_loop(0, ROUNDS, step, start)
+    return jax.lax.fori_loop(0, LINE_ROUNDS, step, start)
 
 
 def _levels(
@@ -319,7 +319,7 @@ def _gram(design: list[Array], weight: Float[Array, "k c"]) -> _Factored:
             entry = (weight * p * q).sum(0)
             line.append(entry - sum(line[i] * lower[j][i] for i in range(j)))
         lower.append([entry / d for entry, d in zip(line, diagonal, strict=True)])
-        pivot = (weight * p**2).sum(0) + (RIDGE if k else 1e-6)
+        pivot = (weight * p**2).sum(0) + (SLOPE_PULL if k else 1e-6)
         diagonal.append(pivot - sum(a * b for a, b in zip(line, lower[k], strict=True)))
     return _Factored(lower, diagonal)
 

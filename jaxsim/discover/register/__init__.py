@@ -77,11 +77,8 @@ LIFTED = MOUNTED.with_sd(LIFT, 0.1)
 """... and with beams that all point higher, which a sensor that looks ahead can hardly tell from a pitch."""
 OF_FRAME = Free((5.0, 0.3, 0.1, 0.01, 0.01, 0.02, 0.0, 3.0))
 """What a frame has besides: it may be early or late, and a car turns and drives meanwhile ..."""
-LEAST_HALF = np.array([0.006] * 3 + [0.0003] * 4 + [0.02])
-"""Half width, m and rad, that no number of scenes makes narrower: planes through neighbouring cells are that far off,
-on development cases (`python -m benchmarks.blind.placed`)."""
 FRAME_LIFT_SD = 0.003
-"""... and what frames' lifts scatter by, where there is one."""
+"""... and what their lifts scatter by, where beams point higher."""
 COARSE = np.geomspace(1.0, 0.15, 12)
 """Widths of Tukey's weights, m at the sensor, from step to step ..."""
 FINE = np.geomspace(0.5, 0.15, 8)
@@ -133,7 +130,8 @@ def register(
         # Scenes' own poses scatter more than their slopes at the common one say where weights differ.
         of_scenes = np.stack([frames[scene == k].mean(0) for k in range(len(names))])
         half[POSE] = np.maximum(half[POSE], RULES.interval_widening * half_width(of_scenes[:, POSE]))
-    half = np.where(half > 0, np.hypot(half, LEAST_HALF), 0)
+    shift_m, turn_rad, way_m = RULES.registered_least
+    half = np.where(half > 0, np.hypot(half, [shift_m] * 3 + [turn_rad] * 4 + [way_m]), 0)
     given = predicted(sides, np.zeros((1, NUMBERS)))
     measured = np.where(sides.counts, sides.range_m, np.nan)
     return Registration(

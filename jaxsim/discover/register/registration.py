@@ -26,6 +26,7 @@ LIFT = 6
 TRAVEL = 7
 """and the way driven forward during the scan, m."""
 NUMBERS = 8
+"""A motion has so many numbers."""
 Motion = Float[np.ndarray, "*f 8"]
 MeasuredPoints = Float[np.ndarray, "f n 3"]
 MOTION_PARTS = {

@@ -22,11 +22,11 @@ from jaxsim.effects import Law
 from jaxsim.effects.learned import LIMITS, Learned
 
 _Heights = Float[np.ndarray, " m"]
-STEPS = 8
+CONJUGATE_STEPS = 8
 """Steps of conjugate gradients, at most: levels take up about the same share of all heights, so that few are enough."""
 CLOSE = 1e-3
 """Share of the way that may be left, in the norm of the guess."""
-ROUNDS = 3
+HEIGHT_ROUNDS = 3
 """Rounds of heights, each about the ones before: of a gain of +-20 % the second comes within 4 %."""
 Finding = Bool[np.ndarray, " n"]
 
@@ -148,7 +148,7 @@ def learn_repeats(
     result: dict[int, LearnedRepeat] = {}
     heights = {k: np.zeros(form.count) for k, form in enumerate(forms)}
     laws: list[Learned] = []
-    for _ in range(ROUNDS):
+    for _ in range(HEIGHT_ROUNDS):
         remaining = maps_with(laws)
         for channel in dict.fromkeys(form.origin.repeat.channel for form in forms):
             of = {k: form for k, form in enumerate(forms) if form.origin.repeat.channel == channel}
@@ -194,7 +194,7 @@ def conjugate_gradients(normal: Callable[[_Heights], _Heights], right: _Heights,
     residual = right.copy()
     direction = inverse * residual
     size = first = float(residual @ direction)
-    for _ in range(STEPS):
+    for _ in range(CONJUGATE_STEPS):
         if size <= CLOSE**2 * first:
             break
         # `normal` is dear, a map of every ray: few steps, each along a direction that no later one undoes.

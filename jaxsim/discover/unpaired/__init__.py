@@ -9,12 +9,12 @@ lost           lost rays, and lattices
 
 What the law assumes, in nats unless said otherwise, and where it is set
 
-    a scene's level 0.3, its slopes over ln r 0.2, incidence 0.3 a rad, height 0.1 a m; patch of 4 m 0.25
-                                                               conditional.SCENE_SD, PATCH_SD, columns.PATCH_M
-    class 0.3; curvature; knots of a free curve 0.15; gain free
-                                                               evidence.CLASS_SD, conditional.CURVATURE_SD, CURVE_SD
-    coefficients of both sides' law: a ray's worth of pull     law.RIDGE
-    readings count within 3 robust standard deviations         conditional.HELD_WITHIN
-    parameters of effects as in the paired method              columns.DERIVATIVE_STEP, model.parameters.LOOSE
-    thresholds of the answer                                   Rules.unpaired_
+    a scene's level 0.3, its slopes over ln r 0.2, incidence 0.3 a rad, height 0.1 a m    conditional.SCENE_SD
+    patch of 4 m of ground 0.25                            columns.GROUND_PATCH_M, conditional.GROUND_PATCH_SD
+    class 0.3; one of less than 1 % has no level           evidence.CLASS_SD, conditional.COMMON
+    curvature; free curve 0.15 a knot; gain free      conditional.LAW_CURVATURE_SD, CURVE_SD, columns.FREE_PRECISION
+    coefficients of both sides' law: a ray's worth of pull             law.LAW_PULL
+    readings count within 3 robust standard deviations                 conditional.HELD_WITHIN
+    parameters of effects as in the paired method                      columns.DERIVATIVE_STEP, parameters.LOOSE
+    thresholds of the answer                                           Rules.unpaired_
 """

@@ -49,8 +49,8 @@ OF_READINGS = ("intensity_quantization", "range_quantization")
 DERIVATIVE_STEP = 0.25
 """Part of a parameter's scale over which derivatives are taken."""
 FREE_PRECISION = 1e-4
-"""Precision of the size of a start's column: next to free."""
-PATCH_M = 4.0
+"""Precision of the overall gain, and of the size of a start's column: next to free."""
+GROUND_PATCH_M = 4.0
 """Size of the cells of ground over which surfaces have a level of their own."""
 
 
@@ -204,7 +204,7 @@ def patches(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Int[
     r = comparison.rays
     # Cells lie on the ground's plane around the sensor of each scene: frames of one scene share them.
     level_m = r.range_m * np.cos(r.elevation_rad)
-    cells = [np.floor(level_m * turn(r.azimuth_rad) / PATCH_M) for turn in (np.cos, np.sin)]
+    cells = [np.floor(level_m * turn(r.azimuth_rad) / GROUND_PATCH_M) for turn in (np.cos, np.sin)]
     key = np.stack([comparison.scene, kind, *cells], axis=1).astype(np.int64)
     return np.unique(key, axis=0, return_inverse=True)[1].ravel()
 

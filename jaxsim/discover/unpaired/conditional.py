@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.evidence import CLASS_SD
 from jaxsim.discover.unpaired.columns import (
+    FREE_PRECISION,
     OF_CLASSES,
     OF_INTENSITY,
     Columns,
@@ -28,7 +29,7 @@ from jaxsim.discover.unpaired.columns import (
     scene_columns,
 )
 from jaxsim.discover.unpaired.law import (
-    RIDGE,
+    LAW_PULL,
     Block,
     Equations,
     RandomEffects,
@@ -42,17 +43,15 @@ from jaxsim.effects.rays import REFERENCE_M, Rays
 
 HELD_WITHIN = 3.0
 """Robust standard deviations about each side's own law at which readings are held."""
-PATCH_SD = 0.25
+GROUND_PATCH_SD = 0.25
 """Standard deviation of the level of a patch of ground, nats."""
 SCENE_SD = (0.3, 0.2, 0.3, 0.1)
 """Standard deviations of a scene's level, and of its slopes over ln r, incidence (rad) and height (m), for each kind of
 surface."""
-CURVATURE_SD = 0.003
+LAW_CURVATURE_SD = 0.003
 """Standard deviation of the coefficient of 0.5 sec(incidence)**2, which noise on normals leaves."""
 CURVE_SD = 0.15
 """Standard deviation of a free curve's knots, nats."""
-LEVEL_PRECISION = 1e-4
-"""Precision of the overall gain: next to free."""
 COMMON = 0.01
 """Classes of a smaller share of the simulated rays have no level of their own."""
 READING_QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -124,7 +123,7 @@ def compare(
     y = _clipped(comparison.log_intensity, law, learn, sensed=sensed)
     patch = patches(comparison, kind)
     variance = _within(y - law @ _ridge(law[learn], y[learn]), patch, learn)
-    random = RandomEffects(scene_columns(comparison, kind), np.repeat(SCENE_SD, 3), patch, PATCH_SD)
+    random = RandomEffects(scene_columns(comparison, kind), np.repeat(SCENE_SD, 3), patch, GROUND_PATCH_SD)
 
     def equations_of(side: np.ndarray) -> Equations:
         return equations(y, law, side, random=random, scene=scene, scenes=len(comparison.scenes), variance=variance)
@@ -146,7 +145,7 @@ def compare(
     # Noise on a normal of variance v lowers the mean of ln cos by v / 2 sec^2: its second-order term.
     bend = 0.5 / np.cos(comparison.rays.incidence_rad)[:, None] ** 2
     nuisance = np.concatenate([np.ones((len(y), 1)), of_classes, bend], axis=1).astype(np.float32)
-    precision = np.array([LEVEL_PRECISION, *[1 / CLASS_SD**2] * mixture.shape[1], 1 / CURVATURE_SD**2])
+    precision = np.array([FREE_PRECISION, *[1 / CLASS_SD**2] * mixture.shape[1], 1 / LAW_CURVATURE_SD**2])
     block = Block(np.arange(nuisance.shape[1]), precision)
 
     # What may be an effect: columns beside one another, after those of the nuisances.
@@ -194,7 +193,7 @@ def _regressed(eq: Equations, weight: Float[np.ndarray, " s"]) -> Float[np.ndarr
     """Coefficients of the law for each column of a side, of so weighted scenes."""
     n = eq.law
     # Normal equations add up over scenes: any choice of them is a weighted sum.
-    inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + RIDGE * np.eye(n)
+    inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + LAW_PULL * np.eye(n)
     return np.linalg.solve(inner, np.einsum("s,spq->pq", weight, eq.gram[:, :n, n:]))
 
 
@@ -210,7 +209,7 @@ def _as_predicted(rays: Rays, log_intensity: Float[np.ndarray, " n"]) -> Rays:
 
 def _ridge(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     x = x.astype(np.float64)
-    return np.linalg.solve(x.T @ x + RIDGE * np.eye(x.shape[1]), x.T @ y)
+    return np.linalg.solve(x.T @ x + LAW_PULL * np.eye(x.shape[1]), x.T @ y)
 
 
 def _clipped(y: np.ndarray, law: np.ndarray, learn: np.ndarray, *, sensed: np.ndarray) -> Float[np.ndarray, " n"]:

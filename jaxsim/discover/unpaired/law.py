@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-RIDGE = 1.0
+LAW_PULL = 1.0
 """Rays' worth of pull of the law's coefficients to 0."""
 
 
@@ -71,7 +71,7 @@ class Equations:
         n = self.law
         # Simulated scenes say what the law is; the columns of the measured side are 0 there.
         weight_measured = weight * measured
-        of_law = np.einsum("s,spq->pq", weight, self.gram[:, :n, :n]) + RIDGE * np.eye(n)
+        of_law = np.einsum("s,spq->pq", weight, self.gram[:, :n, :n]) + LAW_PULL * np.eye(n)
         between = np.einsum("s,spq->pq", weight_measured, self.gram[:, :n, n:])
         of_side = np.einsum("s,spq->pq", weight_measured, self.gram[:, n:, n:])
         # Schur complement: the law is solved for given the side, for all right-hand sides at once.
@@ -170,7 +170,7 @@ def lowered(
     n = eq.law
     near = nuisance.columns
     # The law's part is the same for all draws: it is factored once.
-    inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + RIDGE * np.eye(n)
+    inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + LAW_PULL * np.eye(n)
     # With inner = L L', half = L^-1 makes the elimination of the law a plain product.
     half = np.linalg.inv(np.linalg.cholesky(inner))
     base = half @ (weight @ eq.right[:, :n])

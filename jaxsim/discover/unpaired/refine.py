@@ -25,9 +25,9 @@ from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect
 
-ROUNDS = 12
+NEWTON_STEPS = 12
 """Gauss-Newton steps at most."""
-SHARES = (1.0, 0.5, 0.25, 0.1)
+PARTS_OF_STEP = (1.0, 0.5, 0.25, 0.1)
 """Shares of a step, tried until the loss falls."""
 DRAWS = 200
 """Draws of the bootstrap over scenes, for a standard deviation."""
@@ -146,10 +146,10 @@ class JointFit:
         """Gauss-Newton steps, each as long as lets the loss fall: effects are not linear in their parameters."""
         linear = self.linear()
         least = self.loss(linear)
-        for _ in range(ROUNDS):
+        for _ in range(NEWTON_STEPS):
             step = self.ahead(linear, self.problem.weight) - linear.z
             before = self.values
-            for share in SHARES:
+            for share in PARTS_OF_STEP:
                 self.values = [
                     old | new for old, new in zip(before, self.values_at(linear.z + share * step), strict=True)
                 ]
