@@ -5,13 +5,12 @@ import os
 import signal
 from pathlib import Path
 
-from tests.programs import QUICK
+from tests.programs import DEVICES, QUICK, with_flags
 
 # A shell starts what runs in its background deaf to Ctrl-C, and so would be every program that a test interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
-# What tests run is small: LLVM would work on it longer than it saves.
-os.environ.setdefault("XLA_FLAGS", f"--xla_force_host_platform_device_count=2 {QUICK}")
+os.environ["XLA_FLAGS"] = with_flags(os.environ.get("XLA_FLAGS", ""), f"{DEVICES}=2", QUICK)
 # Both workers, programs that tests start, and whatever comes after `few_programs` compile many of the same programs:
 # each is kept here once, from run to run too.
 os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(__file__).parents[1] / ".cache" / "tests")

@@ -26,8 +26,8 @@ class Processes:
         process = subprocess.Popen(
             [sys.executable, "-m", f"distributed.cli.dask_{program}", *arguments],
             cwd=self.work,
-            # A worker that is silent for five seconds, the least that Dask takes, is given up.
-            env=environment(DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL="5s"),
+            # So long may a busy machine keep a worker from telling that it lives; after that it is given up.
+            env=environment(DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL="30s"),
             stdout=log,
             stderr=subprocess.STDOUT,
         )

@@ -22,14 +22,24 @@ TINY = [
 ]  # fmt: skip
 """Flags of two steps of a training."""
 QUICK = "--xla_backend_optimization_level=1"
-"""As in conftest.py, so that a program's answers are those of the tests' own process, bit for bit."""
+"""What tests run is small: LLVM would work on it longer than it saves."""
+DEVICES = "--xla_force_host_platform_device_count"
 PATIENCE_S = 3600.0
 """The slowest program here takes two minutes on a quiet machine; a busy one may take thirty times as long."""
 
 
+def with_flags(given: str, *flags: str) -> str:
+    """The flags of XLA that were given, with those of these that were not: `--xla_cpu_max_isa=AVX2` leaves all else as
+    it is."""
+    names = {flag.partition("=")[0] for flag in given.split()}
+    return " ".join([*(flag for flag in flags if flag.partition("=")[0] not in names), *given.split()])
+
+
 def environment(**variables: str) -> dict[str, str]:
-    """On the CPU, one device, with all tests' compiled programs; jaxsim is this checkout's."""
-    own = {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": QUICK, "PYTHONPATH": str(ROOT)}
+    """On the CPU, one device, with all tests' compiled programs; jaxsim is this checkout's. All other flags of XLA are
+    those of the tests' own process, so that a program's answers are, too, bit for bit."""
+    given = [flag for flag in os.environ.get("XLA_FLAGS", "").split() if not flag.startswith(DEVICES)]
+    own = {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": with_flags(" ".join(given), QUICK), "PYTHONPATH": str(ROOT)}
     return {**os.environ, **own, **variables}
 
 

@@ -6,6 +6,8 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import jax
@@ -15,16 +17,19 @@ from threadpoolctl import threadpool_info
 
 from jaxsim import devices
 from jaxsim.devices import one_blas_thread
+from tests.programs import PATIENCE_S
 
 ROOT = Path(__file__).parents[1]
 STEPS = 4
 
 
-def start(*args: object, count: int, **variables: object) -> subprocess.Popen[str]:
+@contextmanager
+def started(*args: object, count: int, **variables: object) -> Iterator[subprocess.Popen[str]]:
+    """A process of `small_training`, killed at the end if it still runs."""
     flags = f"--xla_force_host_platform_device_count={count}"
     environment = {**os.environ, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": flags, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "tests.small_training", *map(str, args)]
-    return subprocess.Popen(
+    process = subprocess.Popen(
         command,
         cwd=ROOT,
         env=environment | {name: str(value) for name, value in variables.items()},
@@ -32,36 +37,31 @@ def start(*args: object, count: int, **variables: object) -> subprocess.Popen[st
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def lines(process: subprocess.Popen[str]) -> list[dict[str, float]]:
     """What a process printed of each step."""
-    try:
-        output, errors = process.communicate(timeout=1800)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.communicate()
-        raise
+    output, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, errors
     return [json.loads(line) for line in output.splitlines() if line.startswith("{")]
 
 
-def start_two(folders: list[Path], *args: object) -> list[subprocess.Popen[str]]:
+@contextmanager
+def two_started(folders: list[Path], *args: object) -> Iterator[list[subprocess.Popen[str]]]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
-    return [
-        start(
-            folder,
-            *args,
-            "--distributed",
-            count=1,
-            JAX_COORDINATOR_ADDRESS=address,
-            JAX_NUM_PROCESSES=2,
-            JAX_PROCESS_ID=i,
-        )
-        for i, folder in enumerate(folders)
-    ]
+    common = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": 2}
+    with ExitStack() as both:
+        yield [
+            both.enter_context(started(folder, *args, "--distributed", count=1, JAX_PROCESS_ID=i, **common))
+            for i, folder in enumerate(folders)
+        ]
 
 
 @pytest.fixture(scope="module")
@@ -71,19 +71,22 @@ def work(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def one_device(work) -> list[dict[str, float]]:
-    return lines(start(work / "one", STEPS, STEPS, count=1))
+    with started(work / "one", STEPS, STEPS, count=1) as process:
+        return lines(process)
 
 
 @pytest.fixture(scope="module")
 def four_devices(work) -> list[dict[str, float]]:
     """Saves a checkpoint after two steps."""
-    return lines(start(work / "four", STEPS, 2, count=4))
+    with started(work / "four", STEPS, 2, count=4) as process:
+        return lines(process)
 
 
 @pytest.fixture(scope="module")
 def two_processes(work, four_devices) -> list[list[dict[str, float]]]:
     """They go on from the four devices' checkpoint, which only the first of them can see."""
-    return [lines(process) for process in start_two([work / "four", work / "nowhere"], STEPS, STEPS)]
+    with two_started([work / "four", work / "nowhere"], STEPS, STEPS) as both:
+        return [lines(process) for process in both]
 
 
 def agree(ours: dict[str, float], alone: dict[str, float]) -> None:
@@ -111,15 +114,15 @@ def test_two_processes_go_on_from_the_checkpoint_of_four_devices(one_device, two
 @pytest.mark.slow
 @pytest.mark.parametrize("killed", [0, 1])
 def test_a_process_that_is_killed_ends_the_other_with_one_line(work, killed):
-    processes = start_two([work / f"killed{killed}", work / "nowhere"], 100_000, 100_000)
-    for process in processes:
-        assert process.stdout is not None
-        assert any(line.startswith("{") for line in process.stdout), "no step was made"
-    processes[killed].kill()
-    begun = time.monotonic()
-    _, errors = processes[1 - killed].communicate(timeout=600)
-    took_s = time.monotonic() - begun
-    processes[killed].communicate()
+    with two_started([work / f"killed{killed}", work / "nowhere"], 100_000, 100_000) as processes:
+        for process in processes:
+            assert process.stdout is not None
+            assert any(line.startswith("{") for line in process.stdout), "no step was made"
+        processes[killed].kill()
+        begun = time.monotonic()
+        _, errors = processes[1 - killed].communicate(timeout=PATIENCE_S)
+        took_s = time.monotonic() - begun
+        processes[killed].communicate()
     assert processes[1 - killed].returncode != 0
     (line,) = (line for line in errors.splitlines() if line.startswith("ValueError: devices: "))
     assert f"process {1 - killed} of 2 stops, for another one ended" in line

@@ -10,6 +10,7 @@ import time
 import pytest
 
 from jaxsim.interrupts import SIGNALS, Terminated, apart, terminable, unheard_by_children, uninterrupted
+from tests.programs import PATIENCE_S
 
 
 def test_sigterm_is_an_interrupt_in_the_block_and_what_it_was_after_it():
@@ -131,5 +132,5 @@ except KeyboardInterrupt:
 
 
 def test_work_that_was_given_up_does_not_hold_the_end_up():
-    ended = subprocess.run([sys.executable, "-c", GIVEN_UP], capture_output=True, text=True, timeout=600)
+    ended = subprocess.run([sys.executable, "-c", GIVEN_UP], capture_output=True, text=True, timeout=PATIENCE_S)
     assert (ended.returncode, ended.stdout, ended.stderr) == (143, "said\n", "")

@@ -24,7 +24,7 @@ import yaml
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.detect.native.build import COMPILERS
 from jaxsim.frame import PolarGrid, PolarImage
-from tests.programs import TINY
+from tests.programs import PATIENCE_S, TINY
 
 ROOT = Path(__file__).parents[1]
 MOST_BYTES = 8_000_000
@@ -37,7 +37,7 @@ def wheel(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     at_hand = ["--no-build-isolation"] if importlib.util.find_spec("hatchling") else []
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", *at_hand, "--wheel-dir", str(folder), str(ROOT)]
-    result = subprocess.run(command, text=True, capture_output=True, timeout=1200)
+    result = subprocess.run(command, text=True, capture_output=True, timeout=PATIENCE_S)
     if result.returncode and any(words in result.stdout + result.stderr for words in NO_REGISTRY):
         pytest.skip(f"hatchling is not installed and no registry has it: {result.stderr.strip().splitlines()[-1]}")
     assert result.returncode == 0, result.stdout + result.stderr
@@ -52,7 +52,7 @@ def installed(wheel, tmp_path_factory) -> Path:
     venv.create(folder, symlinks=True)
     programs = folder / "bin"
     install = [sys.executable, "-m", "pip", "--python", str(programs / "python"), "install", "--no-deps", "--no-index"]
-    subprocess.run([*install, str(wheel)], check=True, capture_output=True, timeout=600)
+    subprocess.run([*install, str(wheel)], check=True, capture_output=True, timeout=PATIENCE_S)
     # Folders that a .pth names join the path, but .pth files in them, as that of an editable jaxsim, are not read.
     packages = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib"), *site.getsitepackages()}
     places = {"base": str(folder), "platbase": str(folder)}
@@ -75,7 +75,7 @@ def run(programs: Path, work: Path, program: str, *arguments: str, **settings: s
         env={**env, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": "", **settings},
         text=True,
         capture_output=True,
-        timeout=1800,
+        timeout=PATIENCE_S,
     )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout

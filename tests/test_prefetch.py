@@ -57,7 +57,9 @@ def test_what_has_not_begun_when_no_more_are_taken_is_never_made():
 
     with ThreadPoolExecutor(1) as pool:
         made = prefetch(pool, slow, range(9), ahead=4)
-        assert next(made) == 0
-        made.close()
-        go.set()
+        try:
+            assert next(made) == 0
+            made.close()
+        finally:
+            go.set()  # or the pool would wait for ever
     assert {*begun} <= {0, 1}

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.pages import ROOT
+from tests.programs import PATIENCE_S
 from tests.report.chromium import browser, opened
 
 
@@ -18,7 +19,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.importorskip(needed, reason="no Sphinx: pip install '.[docs]'")
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", str(ROOT / "docs"), str(folder)]
-    result = subprocess.run(command, text=True, capture_output=True, timeout=1800)
+    result = subprocess.run(command, text=True, capture_output=True, timeout=PATIENCE_S)
     assert result.returncode == 0, result.stderr
     return folder
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from jaxsim.cli.endings import stop_on_error, words_of
-from tests.programs import environment, running
+from tests.programs import PATIENCE_S, environment, running
 
 EXPECTED = {
     "the disk is full; make room": OSError(errno.ENOSPC, "No space left on device", "out/a.npz"),
@@ -87,7 +87,7 @@ def test_a_signal_is_one_line_and_its_status(tmp_path, number, status):
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         process.send_signal(number)
-        said = process.communicate(timeout=60)[0]
+        said = process.communicate(timeout=PATIENCE_S)[0]
     assert process.returncode == status
     assert said.strip() == "stopped; what was finished is kept, and the same command goes on"
 

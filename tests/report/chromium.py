@@ -43,7 +43,7 @@ def opened(chromium: Any, path: Path, **how: Any) -> Iterator[Any]:
     """A file in a tab of its own, the network off; its console must stay silent."""
     context = chromium.new_context(**({"viewport": {"width": 1000, "height": 900}, "offline": True} | how))
     tab = context.new_page()
-    tab.set_default_timeout(20_000)
+    tab.set_default_timeout(200_000)  # a click takes less than two seconds
     said: list[str] = []
     asked: list[str] = []
     tab.on("console", lambda message: said.append(message.text))
