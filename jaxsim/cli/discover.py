@@ -11,8 +11,7 @@ from typing import Any
 from tyro.conf import UseAppendAction
 
 from jaxsim.cli.gates import ask_gate, check_flags, make_gate
-from jaxsim.cli.sides import Sides
-from jaxsim.cli.unpaired import check_unpaired
+from jaxsim.cli.sides import Sides, check_unpaired
 from jaxsim.config.ranges import Whole
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
