@@ -86,6 +86,7 @@ def make_cloud(
         beams = tuple(recipe.beams) or rows
         # The published lines belong with the published crop; a sensor's own beams bound what they see.
         dense = crop_cloud(dense) if lines in PATTERNS else dense
+        # The published program keeps the last point that falls into a cell; a sensor sees the nearest.
         winner = "last" if recipe.published else "nearest"
         dense = sparsify(dense, cells, beams=beams, winner=winner, clamp=recipe.published)
     return jax.tree.map(np.asarray, dense)

@@ -213,6 +213,7 @@ def simulate_folder(
     # Batches.
     begun = time.monotonic()
     already = len(positions) - len(missing)
+    # The first frames that are there have their pictures already.
     drawn = frozenset(missing[: max(previews - already, 0)])
     batches = [
         FrameBatch(tuple(chosen), drawn & {*chosen}, first_s)

@@ -33,6 +33,7 @@ FILE = "grain.json"
 BROKEN_M = 1e3
 """Bend between cells of which one has no range: nothing that heeds edges goes on there."""
 FIELD_CLASSES = 256
+"""Classes that have a number of their own where all cells of a class are one; Cityscapes numbers 34."""
 INSIDE = 1e-6
 """Ranks stay so far from 0 and 1, which single precision would round them to."""
 OFF = 1e-3
@@ -165,6 +166,7 @@ def draw_field(
     # another class it is 0.
     kept_across = jnp.where(on.new_across, 0.0, jnp.exp(-1 / columns - on.across_m / edge_m))
     kept_down = jnp.where(on.new_down, 0.0, jnp.exp(-1 / rows - on.down_m / edge_m))
+    # The second pass meets rows that have nothing to do with each other yet, as it asks.
     return _kept(_kept(jax.random.normal(key, on.kind.shape), kept_across, axis=1), kept_down, axis=0)
 
 
@@ -183,6 +185,7 @@ def drawn_of(field: Field, on: Breaks, key: Array) -> _Cells:
     """One draw of a field; every cell of it is standard normal."""
     if field.single:
         return jax.random.normal(key, on.kind.shape)
+    # One number a class: whatever lies between its cells, they are one.
     if field.columns is None or field.rows is None:
         return jax.random.normal(key, (FIELD_CLASSES,))[on.kind]
     lengths = {"columns": field.columns, "rows": field.rows, "edge_m": field.edge_m or jnp.inf}
@@ -199,6 +202,7 @@ def draw_ranks(grain: Grain, painted: Painted, key: Array, *, stays: Array | Non
         one = lambda view, of, stays: draw_ranks(grain, view, of, stays=stays)  # noqa: E731
         return jax.vmap(one)(painted, key, stays)
     on = breaks_of(painted.range_m, painted.valid, kind=painted.semantic, thing=painted.instance)
+    # Split alike, so that what stays does so in intensities and in drops.
     of = {"key": jax.random.split(key), "stays": jax.random.split(key if stays is None else stays)}
     return Ranks(
         ranks_of_fields(grain.intensity, on, of["key"][0], stays=of["stays"][0]),
@@ -211,6 +215,7 @@ def ranks_of_fields(fields: Sequence[Field], on: Breaks, key: Array, *, stays: A
     of_surface = key if stays is None else stays
     total = jnp.zeros(on.kind.shape)
     for k, field in enumerate(fields):
+        # A cell for itself is noise of the moment; what is longer belongs to the surfaces.
         field_key = jax.random.fold_in(key if field.single else of_surface, k)
         # Shares are of the variance.
         total = total + jnp.sqrt(jnp.float32(field.share)) * drawn_of(field, on, field_key)

@@ -114,6 +114,7 @@ def fit_drop(scans: Iterable[GrainScan]) -> tuple[Field, ...]:
     sums = ProductSums()
     for k, scan in enumerate(scans):
         pairs = CellPairs(scan.on, scan.looked)
+        # A probability of 0 or 1 has no threshold.
         share = np.clip(scan.drop_share.astype(float), 1e-4, 1 - 1e-4)
         missed = ~scan.back - share
         each = [*pairs.sums(missed), *pairs.sums(missed**2), *pairs.sums(share * (1 - share))]
@@ -151,6 +152,7 @@ class CellPairs:
             for lag in LAGS:
                 both = known_along[:-lag] & known_along[lag:]
                 held = [(count[lag:] == count[:-lag])[both] for count in passed]
+                # On one surface, across a bend that the first border alone tells, across an edge.
                 for chosen in (held[0], held[1] & ~held[0], ~held[1]):
                     self.cells.append((index[:-lag][both][chosen], index[lag:][both][chosen]))
 
@@ -183,6 +185,7 @@ class ProductSums:
         self.pairs = self.pairs + pairs.count
         self.measured = self.measured + measured
         for draw in range(DRAWS_OF_FIELD):
+            # By the frame and the draw: learned twice, a grain is the same.
             keys = jax.random.split(jax.random.fold_in(jax.random.key(k), draw), len(CANDIDATES))
             fields = [np.asarray(drawn_of(field, pairs.on, key)) for field, key in zip(CANDIDATES, keys, strict=True)]
             self.drawn = self.drawn + pairs.of(np.stack(fields)) / DRAWS_OF_FIELD
@@ -192,6 +195,7 @@ class ProductSums:
         enough = self.pairs >= FEWEST_PAIRS
         if not enough.any():
             raise ValueError(f"grain: fewer than {FEWEST_PAIRS} pairs of cells of any distance; learn from more frames")
+        # Least squares weigh by the root of the count: a mean of n pairs has a variance of 1 / n.
         weight = np.sqrt(self.pairs[enough])
         seen = np.clip(correlation(self.measured[:, enough] / self.pairs[enough]), -1, 1)
         fields = (self.drawn[:, enough] / self.pairs[enough]).T
@@ -207,6 +211,7 @@ class ProductSums:
 
 def _terms(threshold: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "orders rows columns"]:
     """Of each order f(a) He_(n-1)(a) / sqrt(n!), whose products are the series' terms."""
+    # He_n / sqrt(n!) step by step: He_n and n! each for itself would leave the digits of a float.
     hermite = [np.ones_like(threshold), threshold]
     for n in range(1, ORDERS - 1):
         hermite.append((threshold * hermite[n] - np.sqrt(n) * hermite[n - 1]) / np.sqrt(n + 1))
@@ -224,4 +229,5 @@ def _of_drops(means: Float[np.ndarray, "n bins"]) -> Float[np.ndarray, " bins"]:
     seen = (means[6] - means[0] * means[1]) / np.sqrt(np.maximum(variance, 1e-9))
     rho = np.linspace(0, 1, 201)
     series = rho[:, None] ** np.arange(1, ORDERS + 1) @ means[7:] / np.sqrt(np.maximum(means[4] * means[5], 1e-9))
+    # Drops are the more alike the larger rho is, so that the table is read backwards.
     return np.array([np.interp(value, of, rho) for value, of in zip(seen, series.T, strict=True)])

@@ -218,4 +218,5 @@ def _latency(call: Callable[[], Cloud]) -> float:
         begun = time.perf_counter()
         jax.block_until_ready(call())
         seconds.append(time.perf_counter() - begun)
+    # Of few calls one that the machine was busy with would spoil a mean.
     return median(seconds)

@@ -112,6 +112,7 @@ def make_batch(
             "target": 2 * target[..., None] - 1,
             "weight": weight,
             "returned": came_back,
+            # A reading that rounds to 0 counts as lost: the network's 0 stands for both.
             "dropped": ~came_back | (target < STEP / 2),
         }
 
@@ -151,6 +152,7 @@ def predict_cells(
         return Prediction(intensity, intensity < STEP / 2)
     # Each quantile is learned by itself, and they may cross; in order they are no worse (Chernozhukov et al. 2010).
     quantiles = jnp.clip(jnp.sort(jnp.moveaxis(values[: len(QUANTILES)], 0, -1), axis=-1), 0, 1)
+    # The last channel is a logit, not on the scale of intensities.
     share = jax.nn.sigmoid(channels[-1])
     return Prediction(_on_steps(quantiles[..., QUANTILES.index(0.5)]), share > 0.5, quantiles, share)
 

@@ -44,6 +44,7 @@ class LearnedSensor:
         # Closed over: they are the sensor's own, and what is compiled holds for them alone.
         settings = {"generate": self.generate, "prepare": prepare}
         self._simulate = {
+            # A grain says which fields are drawn, so that each has a program of its own.
             "lidar": jax.jit(partial(simulate_frame, **settings), static_argnames="grain"),
             "none": jax.jit(partial(simulate_unprojected, **settings)),
         }
