@@ -187,6 +187,7 @@ def sums_on_grid(
     """What `mean_on_grid` is the mean of."""
     rows, columns = shape
     bins = min(columns, MAP_COLUMNS)
+    # Cells numbered row by row, so that one count serves all.
     cell = row * bins + column * bins // columns
     count = np.bincount(cell, minlength=rows * bins).reshape(rows, bins)
     total = np.bincount(cell, values, minlength=rows * bins).reshape(rows, bins)

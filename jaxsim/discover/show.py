@@ -130,6 +130,7 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     it leaves."""
     effect = rival.effect
     starts = tuple(to_values(effect, one.z) for one in rival.fits)
+    # As many steps as the answer's own fits have (`refit`): a placebo that lagged behind would make it look better.
     result = fit(effect, null, null.ev.all_blocks, starts=starts, steps=80, fixed=effect.name in FINEST)
     chain = [(effect, result.z)]
     return chain, refitted(in_place(null, chain)).noise
@@ -199,6 +200,7 @@ def with_mounting(verdict: Verdict, sure: tuple[Named, ...], others: tuple[Named
     )
     return replace(
         verdict,
+        # A mounting alone is an answer, too.
         verdict="named" if sure and verdict.verdict == "none" else verdict.verdict,
         effects=(*sure, *verdict.effects),
         unconfirmed=(*others, *verdict.unconfirmed),
@@ -213,6 +215,7 @@ def sensor_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> Senso
     added_names = {name for name, _ in added.effects}
     lost = {effect.name for effect in verdict.unconfirmed} - named
     mounting = [(one.name, one.values) for one in verdict.effects if one.name not in added_names | named]
+    # A mounting that was known stands in the frames, and not in what was added.
     stated = [pair for pair in known.effects if pair[0] not in added_names]
     effects = (*stated, *mounting, *(pair for pair in added.effects if pair[0] not in lost))
     if effects == added.effects:

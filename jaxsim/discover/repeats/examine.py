@@ -70,6 +70,7 @@ class Dense:
 
         def maps_with(laws: Sequence[Learned]) -> Mapping[str, Maps]:
             chain = [*effects, *((as_law(law), {}) for law in laws)]
+            # Laws in place leave less noise than there was.
             return self.maps(chain, refitted(in_place(self.null, chain)).noise if laws else noise)
 
         rows, columns = self.division.scan.range_m.shape[1:]
