@@ -25,6 +25,8 @@ BORDER = 2.0
 """Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""
 NOTHING_AT_M = 200.0
 """Where a ray that meets nothing is looked up after its origin moved."""
+PASSES = 3
+"""How often the cell that a ray meets is looked up, each time from where it met the last one's plane."""
 
 
 @struct.dataclass
@@ -39,7 +41,7 @@ class _Surface:
     v: Float[Array, "*n"]
 
 
-def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
+def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = PASSES) -> Rays:
     """Meets the surfaces to which rays were turned and moved (`edits.displace`).
 
     Differentiable within a cell. The cell is looked up `passes` times, each time where the ray met the last one's
@@ -57,11 +59,11 @@ def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
     return _place(rays, scan, surface, met_m=met, turn=turn)
 
 
-def is_told(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Bool[Array, "*n"]:
+def is_told(rays: Rays, scan: Scan) -> Bool[Array, "*n"]:
     """Whether the image tells what turned and moved rays meet: they go no farther than BORDER beyond it, and no cell
     beside theirs hits nothing where it hits something, or the other way about. Where between two rays a surface ends is
     in no image."""
-    row, column, inside = _cell_met(rays, scan, passes)
+    row, column, inside = _cell_met(rays, scan, PASSES)
     cell = (rays.frame, row, column)
     ends = (jnp.isfinite(_beside(scan, cell)) != scan.hit[cell][..., None]).any(-1)
     displaced = (rays.turned_rad != 0).any(-1) | (rays.moved_m != 0).any(-1)

@@ -138,16 +138,14 @@ class DetectorScores:
     """What the last of them finds in each scene."""
 
 
-def score_checkpoints(
-    run: Path, data: DataConfig, *, frames: str = "", validation: str = "", last: int = MEAN_OF
-) -> DetectorScores:
-    """Scores the `last` kept checkpoints of a detector's run on frames of a data set, chosen by `frames_to_judge`.
+def score_checkpoints(run: Path, data: DataConfig, *, frames: str = "", validation: str = "") -> DetectorScores:
+    """Scores the last MEAN_OF kept checkpoints of a detector's run on frames of a data set (`frames_to_judge`).
 
     Raises ValueError where no checkpoint is kept, and for frames that are not there or have no labels.
     """
     # As it was trained, but for where the scenes come from.
     experiment = replace(load_run(run, DetectorRun).experiment, data=data)
-    steps = Checkpoints(run).steps[-last:]
+    steps = Checkpoints(run).steps[-MEAN_OF:]
     if not steps:
         raise ValueError(f"run: no checkpoint in {run}; the training has not saved one yet")
     dataset = open_dataset(data)

@@ -220,16 +220,8 @@ def turning(scenes: Sequence[TurnedScene], words: str) -> tuple[Markup, Markup]:
     return section("The clouds", body), packed(scenes, SHOWN)
 
 
-def write_clouds(
-    path: Path,
-    scenes: Sequence[TurnedScene],
-    *,
-    title: str,
-    sentence: str,
-    words: str,
-    facts: Sequence[tuple[str, str]] = (),
-) -> Path:
+def write_clouds(path: Path, scenes: Sequence[TurnedScene], *, title: str, sentence: str, words: str) -> Path:
     """Writes a page that opens from disk and turns the scenes; `words` say what they show."""
     body, packed_scenes = turning(scenes, words)
-    page = whole_page(title=title, sentence=sentence, facts=facts, sections=[body], scenes=packed_scenes)
+    page = whole_page(title=title, sentence=sentence, facts=(), sections=[body], scenes=packed_scenes)
     return write_text(path, page)

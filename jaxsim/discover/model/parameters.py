@@ -69,7 +69,7 @@ def ravel(tree: Any) -> Float[np.ndarray, " n"]:
     return np.concatenate(leaves).astype(np.float64) if leaves else np.zeros(0)
 
 
-def restorer(tree: Any, *, dtype: type = np.float32) -> Callable[[Float[np.ndarray, " n"]], Any]:
+def restorer(tree: Any) -> Callable[[Float[np.ndarray, " n"]], Any]:
     """The inverse of `ravel`: what makes of a vector a tree of arrays of the shapes in `tree`."""
     leaves, form = jax.tree.flatten(tree)
     shapes = [np.shape(leaf) for leaf in leaves]
@@ -77,7 +77,7 @@ def restorer(tree: Any, *, dtype: type = np.float32) -> Callable[[Float[np.ndarr
 
     def restore(x: Float[np.ndarray, " n"]) -> Any:
         # SciPy climbs in float64, the compiled likelihood takes float32.
-        x = np.asarray(x, dtype)
+        x = np.asarray(x, np.float32)
         return form.unflatten([x[ends[k] : ends[k + 1]].reshape(shape) for k, shape in enumerate(shapes)])
 
     return restore

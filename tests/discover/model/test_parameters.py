@@ -42,9 +42,11 @@ def test_beams_are_held_closer_than_single_numbers():
     assert set(falloff.sd) == {3.0}
 
 
-def test_double_precision_is_kept_where_it_is_asked_for():
-    z = to_z(EFFECTS["range_falloff"], {}, ROWS, dtype=np.float64)
-    back = restorer(z, dtype=np.float64)(ravel(z) + 1 / 3)
-    assert all(value.dtype == np.float64 for value in back.values())
-    np.testing.assert_array_equal(ravel(back), ravel(z) + 1 / 3)
+def test_a_vector_has_double_precision_and_a_tree_single():
+    z = to_z(EFFECTS["range_falloff"], {}, ROWS)
+    back = restorer(z)(ravel(z) + 1 / 3)
+    assert all(value.dtype == np.float32 for value in back.values())
+    np.testing.assert_array_equal(ravel(back), (ravel(z) + 1 / 3).astype(np.float32))
     assert ravel({}).shape == (0,)
+    precise = to_z(EFFECTS["range_falloff"], {}, ROWS, dtype=np.float64)
+    assert all(value.dtype == np.float64 for value in precise.values())
