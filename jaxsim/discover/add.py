@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.law.learn import Form, LearnedFit, learn
-from jaxsim.discover.model.fit import NOISE_SD, Chain, Fit, Objective, Problem, fit
+from jaxsim.discover.model.fit import ANSWER_STEPS, NOISE_SD, Chain, Fit, Objective, Problem, fit
 from jaxsim.discover.model.null import Refit, as_implied, refit
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
 from jaxsim.discover.name.select import FittedStep
@@ -158,4 +158,4 @@ def fit_to_implied(effect: Law, problem: Problem, result: Fit) -> Fit:
     """The effect fitted again, to rays as bright as the measured intensities say that their surfaces are."""
     start = {name: np.asarray(value) for name, value in to_values(effect, result.z).items()}
     implied = replace(problem, ev=as_implied(problem.ev, problem.noise, problem.equations))
-    return fit(effect, implied, problem.ev.all_blocks, starts=(start,), steps=80)
+    return fit(effect, implied, problem.ev.all_blocks, starts=(start,), steps=ANSWER_STEPS)

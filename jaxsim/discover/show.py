@@ -15,7 +15,7 @@ from jaxsim.discover.add import Added
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.drawn import joined, rays_of, residual_curves, residual_maps, whole_frames
 from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps
-from jaxsim.discover.model.fit import Chain, Problem, fit, in_place
+from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Problem, fit, in_place
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import fit_null, on_evidence, refit, refitted, reweighted
@@ -130,8 +130,9 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     it leaves."""
     effect = rival.effect
     starts = tuple(to_values(effect, one.z) for one in rival.fits)
-    # As many steps as the answer's own fits have (`refit`): a placebo that lagged behind would make it look better.
-    result = fit(effect, null, null.ev.all_blocks, starts=starts, steps=80, fixed=effect.name in FINEST)
+    # As many steps as the answer's own fits have: a placebo that lagged behind would make it look better.
+    fixed = effect.name in FINEST
+    result = fit(effect, null, null.ev.all_blocks, starts=starts, steps=ANSWER_STEPS, fixed=fixed)
     chain = [(effect, result.z)]
     return chain, refitted(in_place(null, chain)).noise
 

@@ -38,6 +38,10 @@ from jaxsim.frame import Array
 
 ENOUGH = 0.05
 """Nats of a step below which a fit is done."""
+CANDIDATE_STEPS = 40
+"""Steps that a fit of a candidate may take, of which its gain alone counts ..."""
+ANSWER_STEPS = 80
+"""... and one of what was named, of which the numbers count too."""
 NULL_STEPS = 100
 """Steps that a fit of the null may take."""
 NULL_ENOUGH = 1e-3
@@ -174,7 +178,7 @@ def fit(
     fitted: Float[np.ndarray, " b"],
     *,
     starts: tuple[dict[str, Any], ...] | None = None,
-    steps: int = 40,
+    steps: int = CANDIDATE_STEPS,
     enough: float = ENOUGH,
     fixed: bool = False,
 ) -> Fit:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import Chain, Fit, Problem, fit, fit_noise, in_place
+from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Fit, Problem, fit, fit_noise, in_place
 from jaxsim.discover.model.likelihood import MOST_LIKELY, log_lost
 from jaxsim.discover.model.noise import START, Noise, intensity_variance, reading_variance
 from jaxsim.discover.model.noise_levels import FINEST
@@ -165,7 +165,10 @@ def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) ->
             starts: list[tuple[dict[str, Any], ...]] = [(fitted_values,)]
             if sweep == 0 and others and effect.starts and not read:
                 starts.append(effect.starts)
-            fits = [fit(effect, problem, problem.ev.all_blocks, starts=start, steps=80, fixed=read) for start in starts]
+            fits = [
+                fit(effect, problem, problem.ev.all_blocks, starts=start, steps=ANSWER_STEPS, fixed=read)
+                for start in starts
+            ]
             result = min(fits, key=lambda one: one.loss)
             values[k] = result.z
             refits[k] = Refit(effect, problem, result)
