@@ -29,7 +29,7 @@ from jaxsim.effects.page import parameter_in_words
 from jaxsim.frame import Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report.canvas import AFTER
-from jaxsim.report.charts import colour_limit, curve_chart
+from jaxsim.report.charts import colour_limit, curve_chart, root_mean_square
 from jaxsim.report.page import (
     EMPTY,
     DrawChart,
@@ -275,15 +275,11 @@ def _table(result: Result) -> Markup:
         row = [shows(title(frame), scene=k), str(len(frame.row))]
         for name in SIGN_WORDS:
             sizes = [
-                number(_size(side[name])) for side in ((frame.before, frame.after) if changed else (frame.before,))
+                number(root_mean_square(side[name]))
+                for side in ((frame.before, frame.after) if changed else (frame.before,))
             ]
             row.append(" → ".join(sizes))
         rows.append(row)
     return paragraph(
         f"Root mean square residual of the rays that were compared{', before → after' if changed else ''}:"
     ) + table(heads, rows, text=1)
-
-
-def _size(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

@@ -87,6 +87,12 @@ def draw_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str, na
     return canvas
 
 
+def root_mean_square(values: Float[np.ndarray, "..."]) -> float:
+    """Of what is finite; NaN where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
 def colour_limit(residuals: Sequence[Float[np.ndarray, "..."]]) -> float | None:
     """The residual at which the colours of maps or rays end, whatever their shapes; None where none has a value."""
     known = np.abs(np.concatenate([values[np.isfinite(values)] for values in residuals]))

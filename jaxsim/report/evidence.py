@@ -11,7 +11,7 @@ from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Fidelity, Gained, Gap, Interval, Level, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
-from jaxsim.report.charts import SHARE_SHOWN, curve_chart, draw_maps
+from jaxsim.report.charts import SHARE_SHOWN, curve_chart, draw_maps, root_mean_square
 from jaxsim.report.page import EMPTY, DrawChart, below, file_name, join_parts, key, paragraph, section, shows, table
 from jaxsim.report.words import AXES, SIGN_WORDS, Axis, nuisance, nuisance_title, number, percent, probability
 
@@ -65,7 +65,7 @@ def maps(result: Result, draw: DrawChart) -> Markup:
         if before is None or after is None:
             continue
         shown = [("before", before), ("after", after)] if result.verdict.effects else [("residual", before)]
-        sizes = " → ".join(number(_rms(values)) for _, values in shown)
+        sizes = " → ".join(number(root_mean_square(values)) for _, values in shown)
         parts.append(
             draw(
                 f"map_{file_name(channel)}",
@@ -79,11 +79,6 @@ def maps(result: Result, draw: DrawChart) -> Markup:
         f"{SHARE_SHOWN}th percentile of its size, or at its root mean square if that is larger."
     )
     return section("Residual maps on judge scenes", explain + join_parts(parts)) if parts else EMPTY
-
-
-def _rms(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
 def curves(lines: Iterable[CurveLine], draw: DrawChart) -> Markup:

@@ -13,6 +13,7 @@ from jaxsim.report.charts import (
     diverging,
     draw_maps,
     interval_chart,
+    root_mean_square,
     ticks,
 )
 from tests.report import results
@@ -24,6 +25,11 @@ def test_before_and_after_share_one_colour_scale():
     assert chart is not None
     svg = chart.svg("maps")
     assert svg.index(data_uri(diverging(strong, 0.4))) < svg.index(data_uri(diverging(weak, 0.4)))
+
+
+def test_a_root_mean_square_is_of_what_is_finite():
+    assert root_mean_square(np.array([3.0, -4.0, np.nan])) == pytest.approx(np.sqrt(12.5))
+    assert np.isnan(root_mean_square(np.array([np.nan])))
 
 
 def test_few_strong_cells_do_not_let_a_quiet_map_look_loud():
