@@ -18,6 +18,15 @@ def vector(x: Float[Array, "*r"], y: Float[Array, "*r"], z: Float[Array, "*r"]) 
     return jnp.stack([x, y, z])
 
 
+def everywhere(v: Float[Array, "3"], raster: Float[Array, "*r"]) -> Float[Array, "3 *1"]:
+    """One vector for all rays: what it is added to becomes a vector field.
+
+    In loops over such fields XLA on a CPU uses vector instructions, which it does not where components that are worked
+    out one by one are joined at the end.
+    """
+    return v.reshape(3, *(1,) * raster.ndim)
+
+
 def dot(a: Float[Array, "3 *r"], b: Float[Array, "3 *s"]) -> Float[Array, "*r"]:
     """Scalar product; b may be a single vector."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

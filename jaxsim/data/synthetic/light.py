@@ -13,7 +13,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.fields import dot, smooth_noise, vector
+from jaxsim.data.synthetic.fields import dot, everywhere, smooth_noise, vector
 from jaxsim.frame import Array
 
 BEHIND_M = 12.0
@@ -115,27 +115,34 @@ def _at(values: Float[Array, "down across"], row: Float[Array, "*r"], column: Fl
     return values.reshape(-1)[i * across + j]
 
 
-@jax.jit
 def sky(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
     """Radiance of the sky in unit directions; below the horizon, that of the horizon."""
+    return _veiled(light, direction, mass=_clouds(light, direction))
+
+
+@jax.jit
+def _clouds(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
     up = jnp.maximum(direction[2], 0.0)
     # Clouds lie on a plane overhead: towards the horizon they are seen edge on, and shrink.
     flat = 1.0 / (up + 0.12)
     x, y = direction[0] * flat * 1.6, direction[1] * flat * 1.6
     seed: Int[Array, ""] = light.seed.astype(jnp.int32)
     mass = 0.55 * smooth_noise(x, y, seed) + 0.28 * smooth_noise(2.3 * x, 2.3 * y, seed + 1)
-    mass = mass + 0.17 * smooth_noise(5.1 * x, 5.1 * y, seed + 2)
+    return mass + 0.17 * smooth_noise(5.1 * x, 5.1 * y, seed + 2)
+
+
+@jax.jit
+def _veiled(light: Light, direction: Float[Array, "3 *r"], *, mass: Float[Array, "*r"]) -> Float[Array, "3 *r"]:
+    up = jnp.maximum(direction[2], 0.0)
     # Above what the weather leaves open, their mass covers the blue.
     veil = jnp.clip((mass - 0.78 + 0.7 * light.cloud) * 4.0, 0.0, 1.0)
-    blue = jnp.sqrt(jnp.clip(up * 1.5, 0.0, 1.0))
+    blue = jnp.sqrt(jnp.clip(up * 1.5, 0.0, 1.0))[None]
     towards_sun = jnp.maximum(dot(direction, light.sun), 0.0)
-    glow = 0.25 * towards_sun**8
-    out = []
-    for i in range(3):
-        clear = light.horizon_rgb[i] + (light.zenith_rgb[i] - light.horizon_rgb[i]) * blue + glow * light.sun_rgb[i]
-        white = (0.72 + 0.28 * mass) * (light.horizon_rgb[i] * 0.8 + 0.22 * light.sun_rgb[i])
-        out.append(clear + (white - clear) * veil)
-    return vector(*out)
+    glow = (0.25 * towards_sun**8)[None]
+    sun, horizon, zenith = (everywhere(rgb, up) for rgb in (light.sun_rgb, light.horizon_rgb, light.zenith_rgb))
+    clear = horizon + (zenith - horizon) * blue + glow * sun
+    white = (0.72 + 0.28 * mass)[None] * (horizon * 0.8 + 0.22 * sun)
+    return clear + (white - clear) * veil[None]
 
 
 def mirror(view: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:

@@ -20,8 +20,8 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, smooth_noise3, vector
-from jaxsim.data.synthetic.raycast import GROUND, Hit
-from jaxsim.data.synthetic.solids import LOOK, Pattern, Solids
+from jaxsim.data.synthetic.raycast import Hit
+from jaxsim.data.synthetic.solids import GROUND, LOOK, Pattern, Solids
 from jaxsim.data.synthetic.street import Ground, Street, street_surface
 from jaxsim.frame import Array
 

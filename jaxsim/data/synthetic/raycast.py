@@ -9,6 +9,7 @@ For a convex solid, s runs through an interval [enter, leave]: cut by each plane
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -16,18 +17,15 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.fields import smooth_noise3, unit_vector, vector
-from jaxsim.data.synthetic.solids import CAPACITY, FACES, Solids
-from jaxsim.data.synthetic.street import Street, cast_ground, ground_normal
+from jaxsim.data.synthetic.fields import smooth_noise3
+from jaxsim.data.synthetic.normals import normals
+from jaxsim.data.synthetic.solids import FACES, GROUND, LEAF_M, POLYHEDRA, ROUNDS, SKY, Solids
+from jaxsim.data.synthetic.street import Street, cast_ground
 from jaxsim.frame import Array
 
 SKY_M = 1e4
-POLYHEDRA, ROUNDS, CROWNS = CAPACITY
-GROUND = sum(CAPACITY)
-"""Number of the ground among the solids; SKY is the next."""
-SKY = GROUND + 1
-LEAF_M = 0.22
-"""Size of a clump of leaves."""
+TOGETHER = 8
+"""Tiles whose rays are cast at a time: they stay in the cache."""
 
 
 @struct.dataclass
@@ -56,7 +54,6 @@ class Hit:
     """The ground's hit is a kerb's face."""
 
 
-@partial(jax.jit, static_argnames="tile")
 def nearest_hits(
     solids: Solids,
     street: Street,
@@ -66,26 +63,34 @@ def nearest_hits(
     candidates: TileSolids,
     tile: tuple[int, int],
 ) -> Hit:
-    """Nearest hit of every ray of a raster; `origin` may have 1 in place of h or w."""
+    """Nearest hit of every ray of a raster; `origin` may have 1 in place of h or w.
+
+    A sequence of jitted steps: in one program XLA would work out the place of a hit anew for whatever reads it.
+    """
     distance, code = cast_solids(solids, origin, direction, candidates=candidates, tile=tile)
+    distance, solid, at, kerb = _with_ground(street, origin, direction, distance=distance, code=code)
+    return Hit(distance, solid, normals(solids, street, code, solid=solid, at=at, kerb=kerb), at, kerb)
+
+
+@jax.jit
+def _with_ground(
+    street: Street,
+    origin: Float[Array, "3 h0 w0"],
+    direction: Float[Array, "3 h w"],
+    *,
+    distance: Float[Array, "h w"],
+    code: Int[Array, "h w"],
+) -> tuple[Float[Array, "h w"], Int[Array, "h w"], Float[Array, "3 h w"], Bool[Array, "h w"]]:
+    """Distances, solids and places of what is met first, the ground included; and whether that is a kerb's face."""
     # The ground is no solid: its height is a formula of the place.
     ground, meets, face = cast_ground(street, origin, direction)
     nearer = meets & (ground < distance)
     distance = jnp.where(nearer, ground, distance)
     solid = jnp.where(nearer, GROUND, jnp.where(code < 0, SKY, code // FACES))
-    at = origin + distance[None] * direction
-
-    # The code of a hit with a polyhedron is the number of its plane among all of them.
-    planes = solids.planes[:, :, :3].reshape(-1, 3)
-    flat = planes[jnp.where((code >= 0) & (solid < POLYHEDRA), code, 0)]
-    conic = jnp.clip(solid - POLYHEDRA, 0, ROUNDS + CROWNS - 1)
-    normal = _round_normal(solids, conic, at)
-    normal = jnp.where((solid >= POLYHEDRA + ROUNDS)[None], _leaf_normal(at, normal), normal)
-    normal = jnp.where((solid < POLYHEDRA)[None], jnp.moveaxis(flat, -1, 0), normal)
-    normal = jnp.where((solid >= GROUND)[None], ground_normal(street, at[0], at[1], face=face), normal)
-    return Hit(distance, solid, normal, at, nearer & face)
+    return distance, solid, origin + distance[None] * direction, nearer & face
 
 
+@partial(jax.jit, static_argnames="tile")
 def cast_solids(
     solids: Solids,
     origin: Float[Array, "3 h0 w0"],
@@ -96,64 +101,78 @@ def cast_solids(
 ) -> tuple[Float[Array, "h w"], Int[Array, "h w"]]:
     """Nearest hit with a solid and its code, FACES * solid + face; SKY_M and a negative code where there is none.
 
-    `candidates` lists the tiles of the raster row by row. One row of tiles is worked on at a time: it stays in the
-    cache, and needs as many trials as its fullest tile.
+    `candidates` lists the tiles of the raster row by row.
     """
-    size = direction.shape[1:]
     rays = _tiled(direction, tile)
-    listed = jax.tree.map(lambda leaf: leaf.reshape(rays.shape[0], rays.shape[2], *leaf.shape[1:]), candidates)
     # A camera has one origin for all rays, which need not be cut into tiles.
-    if origin.shape[1:] == (1, 1):
-        best = jax.lax.map(lambda row: _cast_row(solids, origin, row[0], candidates=row[1]), (rays, listed))
-    else:
-        starts = _tiled(jnp.broadcast_to(origin, direction.shape), tile)
-        best = jax.lax.map(lambda row: _cast_row(solids, row[0], row[1], candidates=row[2]), (starts, rays, listed))
-    distance, code = best
-    return _untiled(distance, tile, size), _untiled(code, tile, size)
+    starts = origin if origin.shape[1:] == (1, 1) else _tiled(jnp.broadcast_to(origin, direction.shape), tile)
 
-
-def _tiled(raster: Float[Array, "3 h w"], tile: tuple[int, int]) -> Float[Array, "down 3 across r"]:
-    _, h, w = raster.shape
-    raster = jnp.pad(raster, ((0, 0), (0, -h % tile[0]), (0, -w % tile[1])), mode="edge")
-    down, across = raster.shape[1] // tile[0], raster.shape[2] // tile[1]
-    cut = raster.reshape(3, down, tile[0], across, tile[1]).transpose(1, 0, 3, 2, 4)
-    return cut.reshape(down, 3, across, tile[0] * tile[1])
-
-
-def _untiled(cut: Array, tile: tuple[int, int], size: tuple[int, ...]) -> Array:
-    down, across, _ = cut.shape
-    raster = cut.reshape(down, across, *tile).transpose(0, 2, 1, 3)
-    return raster.reshape(down * tile[0], across * tile[1])[: size[0], : size[1]]
-
-
-def _cast_row(
-    solids: Solids, origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], *, candidates: TileSolids
-) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
-    shape = direction.shape[1:]
-    best = (jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
-
-    def polyhedra(k: Int[Array, ""], best):
-        number = candidates.polyhedra[:, k]
+    def polyhedra(origin: Array, direction: Array, number: Int[Array, " t"]):
         enter, face = enter_polyhedron(origin, direction, solids.planes[number])
-        return _nearer(best, enter, number[:, None] * FACES + face)
+        return enter, number[:, None] * FACES + face
 
-    def rounds(k: Int[Array, ""], best):
-        number = candidates.rounds[:, k]
+    def rounds(origin: Array, direction: Array, number: Int[Array, " t"]):
         enter = enter_round(
             origin, direction, solids.conics[number], roundness=solids.roundness[number], bore=solids.bore[number]
         )
-        return _nearer(best, enter, (number[:, None] + POLYHEDRA) * FACES)
+        return enter, (number[:, None] + POLYHEDRA) * FACES
 
-    def crowns(k: Int[Array, ""], best):
-        number = candidates.crowns[:, k]
+    def crowns(origin: Array, direction: Array, number: Int[Array, " t"]):
         enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], path_m=solids.path_m[number])
-        return _nearer(best, enter, (number[:, None] + POLYHEDRA + ROUNDS) * FACES)
+        return enter, (number[:, None] + POLYHEDRA + ROUNDS) * FACES
 
-    # All tiles of a row go through their candidates together.
-    most = candidates.counts.max(axis=0)
-    for kind, body in enumerate((polyhedra, rounds, crowns)):
-        best = jax.lax.fori_loop(0, most[kind], body, best)
-    return best
+    shape = rays.shape[1:]
+    best = (jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
+    lists = (candidates.polyhedra, candidates.rounds, candidates.crowns)
+    for kind, (enter, listed) in enumerate(zip((polyhedra, rounds, crowns), lists, strict=True)):
+        best = _cast_kind(enter, starts, rays, listed=listed, counts=candidates.counts[:, kind], best=best)
+    distance, code = best
+    return _untiled(distance, tile, direction.shape[1:]), _untiled(code, tile, direction.shape[1:])
+
+
+def _tiled(raster: Float[Array, "3 h w"], tile: tuple[int, int]) -> Float[Array, "3 t r"]:
+    _, h, w = raster.shape
+    raster = jnp.pad(raster, ((0, 0), (0, -h % tile[0]), (0, -w % tile[1])), mode="edge")
+    down, across = raster.shape[1] // tile[0], raster.shape[2] // tile[1]
+    cut = raster.reshape(3, down, tile[0], across, tile[1]).transpose(0, 1, 3, 2, 4)
+    return cut.reshape(3, down * across, tile[0] * tile[1])
+
+
+def _untiled(cut: Float[Array, "t r"] | Int[Array, "t r"], tile: tuple[int, int], size: tuple[int, ...]) -> Array:
+    across = -(-size[1] // tile[1])
+    raster = cut.reshape(-1, across, *tile).transpose(0, 2, 1, 3)
+    return raster.reshape(-1, across * tile[1])[: size[0], : size[1]]
+
+
+def _cast_kind(
+    enter: Callable[..., tuple[Array, Array]],
+    starts: Float[Array, "3 t0 r0"],
+    rays: Float[Array, "3 t r"],
+    *,
+    listed: Int[Array, "t most"],
+    counts: Int[Array, " t"],
+    best: tuple[Float[Array, "t r"], Int[Array, "t r"]],
+) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
+    """`best` after solids of one kind: where rays (origin, direction) enter the solids of these numbers, and codes.
+
+    A few tiles are worked on at a time, which need as many trials as the fullest of them: so they go by how many
+    solids they list, for beside a tree stands a house.
+    """
+    order = jnp.argsort(counts)
+    groups = jnp.pad(order, (0, -len(order) % TOGETHER), mode="edge").reshape(-1, TOGETHER)
+
+    def cast(tiles: Int[Array, " together"]) -> tuple[Array, Array]:
+        origin = starts if starts.shape[1:] == (1, 1) else starts[:, tiles]
+        direction, numbers = rays[:, tiles], listed[tiles]
+
+        def body(k: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:
+            return _nearer(best, *enter(origin, direction, numbers[:, k]))
+
+        return jax.lax.fori_loop(0, counts[tiles].max(), body, (best[0][tiles], best[1][tiles]))
+
+    places = jnp.argsort(order)
+    done = jax.lax.map(cast, groups)
+    return tuple(leaf.reshape(-1, leaf.shape[-1])[places] for leaf in done)
 
 
 def _nearer(best, enter: Float[Array, "t r"], code: Int[Array, "..."]):
@@ -261,20 +280,3 @@ def enter_crown(
     unit = 1.0 / jnp.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
     stop = enter - path_m[:, None] * jnp.log(u) * unit
     return jnp.where((stop < leave) & (enter > 0.0), stop, SKY_M)
-
-
-def _round_normal(solids: Solids, conic: Int[Array, "h w"], at: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
-    rows = solids.conics.reshape(-1, 12)[conic]
-    local = [sum(rows[..., 4 * i + j] * at[j] for j in range(3)) + rows[..., 4 * i + 3] for i in range(3)]
-    # The quadric's gradient in its own frame is the place itself, without z on a cylinder; A^T takes it to `world`.
-    ball = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])[conic]
-    cap = (ball < 0.5) & (jnp.abs(local[2]) > 0.999)
-    weight = [jnp.where(cap, 0.0, local[0]), jnp.where(cap, 0.0, local[1]), jnp.where(cap, local[2], ball * local[2])]
-    return unit_vector(vector(*(sum(rows[..., 4 * i + j] * weight[i] for i in range(3)) for j in range(3))))
-
-
-def _leaf_normal(at: Float[Array, "3 h w"], normal: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
-    """A crown's leaves point outwards on the whole, each clump its own way."""
-    x, y, z = at / LEAF_M
-    turn = vector(*(smooth_noise3(x + shift, y, z) - 0.5 for shift in (17.0, 31.0, 47.0)))
-    return unit_vector(normal + 2.2 * turn)

@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 from jaxsim.data.synthetic.fields import dot, rotate, unit_vector, vector
 from jaxsim.data.synthetic.light import Light, Shadows, develop, lit, map_borders, mirror, open_sky, shade, sky
 from jaxsim.data.synthetic.materials import surface
-from jaxsim.data.synthetic.raycast import GROUND, Hit, TileSolids, cast_solids, nearest_hits
-from jaxsim.data.synthetic.solids import Solids
+from jaxsim.data.synthetic.raycast import Hit, TileSolids, cast_solids, nearest_hits
+from jaxsim.data.synthetic.solids import GROUND, Solids
 from jaxsim.data.synthetic.street import Street
 from jaxsim.frame import Array, PolarGrid
 from jaxsim.geometry import directions
@@ -132,19 +132,22 @@ def look(
     )
     distance_m, pixel_m = _footprints(hit, view, length, focal_px=intrinsics[0, 0])
     seen = surface(scene.solids, scene.street, hit, pixel_m=pixel_m)
+    in_sky = hit.solid > GROUND
     normal, away = _shine(hit, view, seen.bend)
+    # One look at the sky a pixel: behind everything where there is nothing, in the surface's mirror elsewhere.
+    heaven = sky(light, jnp.where(in_sky[None], view, away))
     radiance = shade(
         light,
         seen.rgb,
         seen.gloss,
         view=view,
         normal=normal,
-        mirrored=sky(light, away),
+        mirrored=heaven,
         sunlit=lit(shadows, light, hit.at, normal=normal),
         sky_open=open_sky(shadows, hit.at, hit.normal),
         distance_m=distance_m,
     )
-    shown = develop(light, radiance, sky(light, view), in_sky=hit.solid > GROUND)
+    shown = develop(light, radiance, heaven, in_sky=in_sky)
     return CameraView(shown, hit.distance, hit.solid <= GROUND, seen.semantic, seen.instance)
 
 

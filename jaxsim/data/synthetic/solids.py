@@ -24,6 +24,12 @@ from jaxsim.frame import Array
 FACES = 12
 CAPACITY = (384, 1024, 640)
 """Polyhedra, rounds and crowns that a scene has room for: fixed, so that everything compiles once."""
+POLYHEDRA, ROUNDS, CROWNS = CAPACITY
+GROUND = sum(CAPACITY)
+"""Number of the ground among the solids; SKY is the next."""
+SKY = GROUND + 1
+LEAF_M = 0.22
+"""Size of a clump of leaves."""
 
 Vector = Sequence[float | int] | np.ndarray
 """Three numbers."""

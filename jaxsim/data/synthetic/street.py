@@ -17,7 +17,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, vector
+from jaxsim.data.synthetic.fields import cell, cell_hash, everywhere, smooth_noise, vector
 from jaxsim.frame import Array
 
 SIDE_STREETS = 2
@@ -122,6 +122,7 @@ def cast_ground(
     return t, falls & (t > 0.0), face
 
 
+@jax.jit
 def ground_normal(
     street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"], *, face: Bool[Array, "*r"]
 ) -> Float[Array, "3 *r"]:
@@ -136,25 +137,49 @@ def ground_normal(
     return vector(*(jnp.where(face, side, top) for side, top in ((-gx / size, 0.0), (-gy / size, 0.0), (flat, 1.0))))
 
 
-@jax.jit
 def street_surface(
     street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"]
 ) -> Ground:
-    """What the ground is made of."""
+    """What the ground is made of. Two jitted steps: what many parts need is worked out once."""
+    return _made_of(street, at, kerb, pixel_m=pixel_m, course=_course(street, at))
+
+
+class Course(NamedTuple):
+    """Where a place of the ground lies in its street, and its noise about 0, from fine to coarse."""
+
+    off: Float[Array, "h w"]
+    """Metres from the middle of the road."""
+    beyond: Float[Array, "h w"]
+    """Metres past the kerb."""
+    grain: Float[Array, "h w"]
+    tuft: Float[Array, "h w"]
+    blotch: Float[Array, "h w"]
+    field: Float[Array, "h w"]
+
+
+@jax.jit
+def _course(street: Street, at: Float[Array, "3 h w"]) -> Course:
     x, y = at[0], at[1]
-    off, beyond = aside(street, x, y), past_kerb(street, x, y)
+    seed = street.seed.astype(jnp.int32)
+    scales = ((23.0, 23.0, 0), (5.0, 5.0, 3), (0.9, 1.7, 1), (0.11, 0.5, 2))
+    noise = [smooth_noise(x * along, y * across, seed + kind) - 0.5 for along, across, kind in scales]
+    return Course(aside(street, x, y), past_kerb(street, x, y), *noise)
+
+
+@jax.jit
+def _made_of(
+    street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"], course: Course
+) -> Ground:
+    x = at[0]
+    off, beyond, grain, tuft, blotch, field = course
     seed = street.seed.astype(jnp.int32)
     # Texture finer than a pixel is left out, or it would flicker from frame to frame.
     fine = jnp.clip(1.0 - 5.0 * pixel_m, 0.0, 1.0)
     middle = jnp.clip(1.0 - 0.6 * pixel_m, 0.0, 1.0)
-    grain = smooth_noise(x * 23.0, y * 23.0, seed) - 0.5
-    blotch = smooth_noise(x * 0.9, y * 1.7, seed + 1) - 0.5
-    field = smooth_noise(x * 0.11, y * 0.5, seed + 2) - 0.5
 
     road, road_nir = _asphalt(street, x, off, noise=(grain * fine, blotch * middle, field), seed=seed)
     paint = _markings(street, x, off, beyond=beyond) * (1.0 - street.wear * jnp.clip(2.4 * (blotch + 0.15), 0.0, 0.8))
     stone, stone_nir = _paving(street, x, off, noise=(grain * fine, blotch * middle, field), seed=seed)
-    tuft = smooth_noise(x * 5.0, y * 5.0, seed + 3) - 0.5
     lawn = 1.0 + 0.7 * fine * grain + 0.5 * middle * tuft + 0.5 * blotch + 0.5 * field
     dry = jnp.clip(0.5 + 1.3 * field + 0.4 * blotch, 0.0, 1.0)
 
@@ -163,21 +188,28 @@ def street_surface(
     wet = is_road & (smooth_noise(x * 0.25, off * 0.6, seed + 11) < street.wet)
     is_kerb = kerb | (~is_road & (beyond < 0.16))
     green = (beyond > street.pavement_m) & (street.green > 0.5)
-    colours = []
-    for line, kerbstone, grass, straw in zip(
-        (0.62, 0.62, 0.58), (0.30, 0.29, 0.27), (0.055, 0.10, 0.028), (0.19, 0.17, 0.09), strict=True
-    ):
-        value = road + (line - road) * paint
-        behind = jnp.where(green, lawn * (grass + (straw - grass) * dry), stone * (0.27 if line > 0.6 else 0.25))
-        behind = jnp.where(is_kerb, kerbstone * (1.0 + 0.5 * fine * grain + 0.3 * blotch), behind)
-        colours.append(jnp.where(is_road, value * jnp.where(wet, WET_RGB, 1.0), behind))
+    line, slab, kerbstone, grass, straw = (
+        everywhere(jnp.array(rgb, jnp.float32), x)
+        for rgb in (
+            (0.62, 0.62, 0.58),
+            (0.27, 0.27, 0.25),
+            (0.30, 0.29, 0.27),
+            (0.055, 0.10, 0.028),
+            (0.19, 0.17, 0.09),
+        )
+    )
+    meadow = lawn[None] * (grass + (straw - grass) * dry[None])
+    behind = jnp.where(green[None], meadow, stone[None] * slab)
+    behind = jnp.where(is_kerb[None], kerbstone * (1.0 + 0.5 * fine * grain + 0.3 * blotch)[None], behind)
+    painted = road[None] + (line - road[None]) * paint[None]
+    rgb = jnp.where(is_road[None], painted * jnp.where(wet, WET_RGB, 1.0)[None], behind)
     nir = road_nir + (0.62 - road_nir) * paint
     behind = jnp.where(green, (0.52 - 0.12 * dry) * (1.0 + 0.5 * (lawn - 1.0)), stone_nir)
     behind = jnp.where(is_kerb, 0.40 * (1.0 + 0.3 * fine * grain + 0.2 * blotch), behind)
     nir = jnp.where(is_road, nir * jnp.where(wet, WET_NIR, 1.0), behind)
     paved_plot = jnp.where(beyond > street.pavement_m + 1.0, OPEN_GROUND, PAVEMENT)
     semantic = jnp.where(is_road, ROAD, jnp.where(is_kerb, PAVEMENT, jnp.where(green, TERRAIN, paved_plot)))
-    return Ground(vector(*colours), nir, semantic.astype(jnp.int32), is_road & (paint > 0.5), wet)
+    return Ground(rgb, nir, semantic.astype(jnp.int32), is_road & (paint > 0.5), wet)
 
 
 def _asphalt(street: Street, x, off, *, noise, seed):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxsim.data.synthetic.raycast import LEAF_M, SKY_M, enter_crown, enter_polyhedron, enter_round
-from jaxsim.data.synthetic.solids import Look, Model
+from jaxsim.data.synthetic.raycast import SKY_M, enter_crown, enter_polyhedron, enter_round
+from jaxsim.data.synthetic.solids import LEAF_M, Look, Model
 from tests.data.synthetic.made_raycast import bundle, slow_noise
 
 STONE = Look(11, (0.5, 0.5, 0.5), 0.4)
