@@ -6,8 +6,8 @@
     where     poses    a tile   meets
                        can see
 
-Beside them: `things` (houses, trees, cars, people) and `palette` (their paints), `street` (the ground), `normals` (where
-surfaces look), `light` (sun, sky, shadows), `fields` (noise that belongs to a place), `world`, the data set, and
+Beside them: `things` (houses, trees, cars, people) and `palette` (their paints), `street` (the ground), `normals`
+(where surfaces look), `light` (sun, sky, shadows), `fields` (noise that belongs to a place), `world`, the data set, and
 `labelled`, its range images with classes.
 
 `SyntheticWorld(seed)[i]` is a frame like any reader's; `.truth(i)` is what the sensor's rays met.

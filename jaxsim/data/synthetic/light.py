@@ -139,7 +139,9 @@ def _veiled(light: Light, direction: Float[Array, "3 *r"], *, mass: Float[Array,
     blue = jnp.sqrt(jnp.clip(up * 1.5, 0.0, 1.0))[None]
     towards_sun = jnp.maximum(dot(direction, light.sun), 0.0)
     glow = (0.25 * towards_sun**8)[None]
-    sun, horizon, zenith = (everywhere(rgb, up) for rgb in (light.sun_rgb, light.horizon_rgb, light.zenith_rgb))
+    sun = everywhere(light.sun_rgb, up)
+    horizon = everywhere(light.horizon_rgb, up)
+    zenith = everywhere(light.zenith_rgb, up)
     clear = horizon + (zenith - horizon) * blue + glow * sun
     white = (0.72 + 0.28 * mass)[None] * (horizon * 0.8 + 0.22 * sun)
     return clear + (white - clear) * veil[None]

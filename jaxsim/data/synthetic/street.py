@@ -188,16 +188,11 @@ def _made_of(
     wet = is_road & (smooth_noise(x * 0.25, off * 0.6, seed + 11) < street.wet)
     is_kerb = kerb | (~is_road & (beyond < 0.16))
     green = (beyond > street.pavement_m) & (street.green > 0.5)
-    line, slab, kerbstone, grass, straw = (
-        everywhere(jnp.array(rgb, jnp.float32), x)
-        for rgb in (
-            (0.62, 0.62, 0.58),
-            (0.27, 0.27, 0.25),
-            (0.30, 0.29, 0.27),
-            (0.055, 0.10, 0.028),
-            (0.19, 0.17, 0.09),
-        )
-    )
+    line = everywhere(jnp.array((0.62, 0.62, 0.58), jnp.float32), x)
+    slab = everywhere(jnp.array((0.27, 0.27, 0.25), jnp.float32), x)
+    kerbstone = everywhere(jnp.array((0.30, 0.29, 0.27), jnp.float32), x)
+    grass = everywhere(jnp.array((0.055, 0.10, 0.028), jnp.float32), x)
+    straw = everywhere(jnp.array((0.19, 0.17, 0.09), jnp.float32), x)
     meadow = lawn[None] * (grass + (straw - grass) * dry[None])
     behind = jnp.where(green[None], meadow, stone[None] * slab)
     behind = jnp.where(is_kerb[None], kerbstone * (1.0 + 0.5 * fine * grain + 0.3 * blotch)[None], behind)
