@@ -108,7 +108,7 @@ def devices() -> Lines:
 
 def sparse_form() -> Lines:
     """Which form sparse convolutions take; it is compiled for that if it has not been."""
-    from jaxsim.detect.native.build import form  # waits, as above
+    from jaxsim.native.build import form  # waits, as above
 
     try:
         return [("sparse", form().replace(os.path.expanduser("~"), "~", 1))]

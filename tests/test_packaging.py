@@ -22,8 +22,8 @@ import pytest
 import yaml
 
 from jaxsim.data.polar_frames import write_frame, write_grid
-from jaxsim.detect.native.build import COMPILERS
 from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.native.build import COMPILERS
 from tests.programs import PATIENCE_S, TINY
 
 ROOT = Path(__file__).parents[1]
@@ -90,9 +90,7 @@ def test_the_wheel_holds_experiments_sensor_types_and_licence_and_no_more_than_i
     for needed in ("config.json", "generator.npz", "SHA256SUMS", "card.md"):
         assert f"jaxsim/simulate/embedded/{needed}" in names
     assert "jaxsim/py.typed" in names
-    assert {
-        f"jaxsim/detect/native/{path.name}" for path in (ROOT / "jaxsim" / "detect" / "native").glob("*.[ch]*")
-    } < names
+    assert {f"jaxsim/native/{path.name}" for path in (ROOT / "jaxsim" / "native").glob("*.[ch]*")} < names
     assert wheel.name.endswith("-py3-none-any.whl")  # what is compiled is compiled where it is used
     for template in ("page.html", "page.css", "parts.html", "cloud.js", "viewer.js"):
         assert f"jaxsim/report/templates/{template}" in names
@@ -132,7 +130,7 @@ def test_the_installed_package_is_tried_and_not_the_checkout(installed, work):
 
 def test_sparse_convolutions_are_compiled_where_there_is_a_compiler_and_work_without(installed, work):
     """Of what the wheel holds, in a process and a cache of its own."""
-    code = "from jaxsim.detect.native.build import form; print(form())"
+    code = "from jaxsim.native.build import form; print(form())"
     if any(map(shutil.which, COMPILERS)):
         assert run(installed, work, "python", "-c", code, XDG_CACHE_HOME=str(work)).startswith("C++ (")
     without = run(installed, work, "python", "-c", code, XDG_CACHE_HOME=str(work), PATH=str(installed), CXX="")

@@ -22,7 +22,6 @@ import numpy as np
 from timing import interleave
 
 from jaxsim.config import VoxelConfig
-from jaxsim.detect.native import build
 from jaxsim.detect.sparse import (
     CUBE,
     ConvWindow,
@@ -34,6 +33,7 @@ from jaxsim.detect.sparse import (
     submanifold_tables,
 )
 from jaxsim.detect.voxelize import voxelize
+from jaxsim.native import build
 
 CONFIG, CAP = VoxelConfig(), 16000
 HALVING = ConvWindow(CUBE, stride=(2, 2, 2), padding=(1, 1, 1))

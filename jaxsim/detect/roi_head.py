@@ -25,6 +25,7 @@ from jaxsim.detect.layers import BatchNorm, FullyConnected, Linear
 from jaxsim.detect.sparse import Sites
 from jaxsim.frame import Array
 from jaxsim.geometry.boxes import iou_3d
+from jaxsim.native import takes
 
 
 @struct.dataclass
@@ -210,7 +211,7 @@ def voxel_query(
     cell = cell_of(xyz, voxels, stride)
     size = tuple(float(s * stride) for s in voxels.size_m)
     lines = _rows_in_reach(reach, radius_m, size)
-    if native.takes(sites.key, xyz, cell):
+    if takes(sites.key, xyz, cell):
         at = native.Around(lines, reach, radius_m, size, voxels.range_m[:3])
         index, found = native.query((sites.key, sites.shape), xyz, cell, samples=count, at=at)
         return index, found > 0

@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.detect import native
 from jaxsim.frame import Array
+from jaxsim.native import takes
 
 Triple = tuple[int, int, int]
 """Numbers of z, y, x."""
@@ -106,7 +107,7 @@ def strided_sites(sites: Sites, window: ConvWindow, capacity: int) -> tuple[Site
     """Outputs that have an active input in their kernel, and how many of them did not fit `capacity`."""
     kernel, stride, padding = window
     shape = strided_shape(sites.shape, window)
-    if native.takes(sites.key):
+    if takes(sites.key):
         key, dropped = native.strided_sites(sites.key, capacity, _numbers(sites.shape, shape, window))
         return Sites(key, shape), dropped
     zyx, valid = sites.zyx, sites.valid
@@ -126,7 +127,7 @@ def strided_sites(sites: Sites, window: ConvWindow, capacity: int) -> tuple[Site
 
 def neighbours(inputs: Sites, outputs: Sites, window: ConvWindow) -> Int[Array, "m k"]:
     """For each output and kernel cell (z slowest) the row of the input below it; n where there is none."""
-    if native.takes(inputs.key, outputs.key):
+    if takes(inputs.key, outputs.key):
         return native.neighbours(inputs.key, outputs.key, _numbers(inputs.shape, outputs.shape, window))
     kernel, stride, padding = window
     n, (planes, rows, columns) = len(inputs.key), inputs.shape
@@ -161,7 +162,7 @@ def submanifold_tables(sites: Sites) -> Tables:
 def strided_tables(inputs: Sites, outputs: Sites, window: ConvWindow) -> Tables:
     """Tables of a convolution from `inputs` to the sites that `strided_sites` gave."""
     forward = neighbours(inputs, outputs, window)
-    if native.takes(forward):
+    if takes(forward):
         return Tables(forward, native.other_side(forward, len(inputs.key)))
     m, k = forward.shape
     rows, columns = jnp.arange(m, dtype=jnp.int32)[:, None], jnp.arange(k, dtype=jnp.int32)[None]
@@ -180,7 +181,7 @@ def sparse_conv(
 def _gather_and_multiply(
     features: Float[Array, "n c"], cells: Float[Array, "k c d"], table: Int[Array, "m k"]
 ) -> Float[Array, "m d"]:
-    if native.takes(features, cells, table):
+    if takes(features, cells, table):
         return native.convolve(features, cells, table)
 
     # One kernel cell after another: side by side the gathered rows of all cells would fill the memory.
@@ -215,7 +216,7 @@ def _backward(kept, change):
 def _weight_gradient(
     features: Float[Array, "n c"], change: Float[Array, "m d"], table: Int[Array, "m k"]
 ) -> Float[Array, "k c d"]:
-    if native.takes(features, change, table):
+    if takes(features, change, table):
         return native.weight_gradient(features, change, table)
     return jax.lax.map(lambda row: _rows(features, row).T @ change, table.T)
 

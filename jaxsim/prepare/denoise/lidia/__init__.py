@@ -4,6 +4,7 @@ patches and their neighbours.
 This file has its published weights, and the network on LiDAR intensity. Below it:
 
     patches.py      patches, and the 14 most alike, at two scales; cells without return do not count
+    stages.py       how patches go through layers, and batch norm
     network.py      the network, under its published names
     denoiser.py     whole images          adapt.py    training on images of one's own
 """

@@ -11,14 +11,15 @@ from flax import nnx
 from jaxtyping import Bool, Float
 
 from jaxsim.frame import Array
-from jaxsim.prepare.denoise.lidia.network import PatchDenoiser, Scale, Statistics, Variant
+from jaxsim.prepare.denoise.lidia.network import PatchDenoiser, Scale, Variant
 from jaxsim.prepare.denoise.lidia.patches import RADIUS, blur, fold, nearest_patches, pad, unfold
+from jaxsim.prepare.denoise.lidia.stages import BLOCK, Statistics
 from jaxsim.weights import Values
 
 BEYOND_BORDER = -1.0
 """What stands beyond the mirrored border, where the search finds nothing alike."""
 GREY = (0.2989, 0.5870, 0.1140)
-CHUNK: dict[Statistics, int] = {"stored": 512, "image": 40_000, "training": 2**30}
+CHUNK: dict[Statistics, int] = {"stored": BLOCK, "image": 40_000, "training": 2**30}
 """Patches at a time. With stored statistics a matter of memory alone; of the image's, the published number."""
 
 

@@ -11,7 +11,7 @@ are (out, in).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,13 +20,7 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from jaxsim.prepare.denoise.lidia.patches import NEIGHBOURS, blur, fold, pad, patch_counts, unfold
-
-Statistics = Literal["stored", "image", "training"]
-"""What batch norm divides by: the training set's statistics, stored with the weights; those of the patches at hand;
-or these, and the stored ones move towards them."""
-EPS, MOMENTUM = 1e-5, 0.1
-
-_product = jax.lax.Precision.HIGHEST  # an accelerator's default would round inputs to fewer digits
+from jaxsim.prepare.denoise.lidia.stages import PRECISION, BatchNorm, Stage, Statistics, through
 
 
 class Linear(nnx.Module):
@@ -41,11 +35,11 @@ class Linear(nnx.Module):
 
     def along_first(self, x: Float[Array, "i *n"]) -> Float[Array, "o *n"]:
         """The layer on the first axis."""
-        return jnp.tensordot(self.weight[...], x, 1, precision=_product)
+        return jnp.tensordot(self.weight[...], x, 1, precision=PRECISION)
 
     def along_last(self, x: Float[Array, "*n i"]) -> Float[Array, "*n o"]:
         """The layer on the last axis."""
-        return jnp.einsum("...i,oi->...o", x, self.weight[...], precision=_product)
+        return jnp.einsum("...i,oi->...o", x, self.weight[...], precision=PRECISION)
 
 
 class VerHor(nnx.Module):
@@ -66,30 +60,6 @@ class VerHor(nnx.Module):
         return x + self.b[...][:, None, :]
 
 
-class BatchNorm(nnx.Module):
-    """Each neighbour's features at mean 0 and variance 1 over patches and cells, then scaled and shifted."""
-
-    def __init__(self, channels: int):
-        self.weight, self.bias = nnx.Param(jnp.ones(channels)), nnx.Param(jnp.zeros(channels))
-        self.running_mean, self.running_var = nnx.BatchStat(jnp.zeros(channels)), nnx.BatchStat(jnp.ones(channels))
-
-    def __call__(self, x: Float[Array, "c n u"], counted: Float[Array, " n"], statistics: Statistics) -> Array:
-        """`counted` is 1 for patches that belong to the statistics, 0 for others."""
-        if statistics == "stored":
-            mean, variance = self.running_mean[...], self.running_var[...]
-        else:
-            number = jnp.maximum(counted.sum() * x.shape[-1], 1.0)
-            weight = counted[None, :, None]
-            mean = (x * weight).sum((1, 2)) / number
-            variance = ((x - mean[:, None, None]) ** 2 * weight).sum((1, 2)) / number
-        if statistics == "training":
-            unbiased = variance * number / jnp.maximum(number - 1.0, 1.0)
-            for kept, new in ((self.running_mean, mean), (self.running_var, unbiased)):
-                kept[...] = (1 - MOMENTUM) * kept[...] + MOMENTUM * jax.lax.stop_gradient(new)
-        rate = self.weight[...] * jax.lax.rsqrt(variance + EPS)
-        return x * rate[:, None, None] + (self.bias[...] - mean * rate)[:, None, None]
-
-
 class VerHorBnRe(nnx.Module):
     """Separable layer, batch norm if `norm`, ReLU."""
 
@@ -97,9 +67,10 @@ class VerHorBnRe(nnx.Module):
         self.ver_hor = VerHor(ver, hor, rngs=rngs)
         self.bn = BatchNorm(hor[1]) if norm else None
 
-    def __call__(self, x: Float[Array, "i n u"], counted: Float[Array, " n"], statistics: Statistics) -> Array:
+    def __call__(self, x: Float[Array, "i n u"]) -> Float[Array, "o n v"]:
+        """The layer without batch norm, which is the following stage's."""
         x = self.ver_hor(x)
-        return jax.nn.relu(x if self.bn is None else self.bn(x, counted, statistics))
+        return jax.nn.relu(x) if self.bn is None else x
 
 
 class WeightsNet(nnx.Module):
@@ -172,9 +143,10 @@ class Part1(nnx.Module):
         self.ver_hor_bn_re1 = None if variant.small else VerHorBnRe((wide, wide), (k, k), norm=True, rngs=rngs)
         self.a = None if variant.small else nnx.Param(jnp.zeros(1))
 
-    def __call__(self, x: Array, counted: Array, statistics: Statistics) -> Array:
-        x = self.ver_hor_bn_re0(x, counted, statistics)
-        return _blended(self.a, x, self.ver_hor_bn_re1, counted=counted, statistics=statistics)
+    def stages(self, begin: Callable[..., Array]) -> list[Stage]:
+        """From what `begin` makes of the arrays to the features."""
+        first = Stage(lambda *arrays: self.ver_hor_bn_re0(begin(*arrays)))
+        return _blended(self.a, [first], self.ver_hor_bn_re1, end=lambda x: x)
 
 
 class Part2(nnx.Module):
@@ -187,13 +159,17 @@ class Part2(nnx.Module):
         self.a = None if variant.small else nnx.Param(jnp.zeros(1))
         self.ver_hor_out = VerHor((wide, variant.numel), (k, 1), rngs=rngs)
 
-    def __call__(self, x: Array, counted: Array, statistics: Statistics) -> Array:
-        x = self.ver_hor_bn_re2(x, counted, statistics)
-        return self.ver_hor_out(_blended(self.a, x, self.ver_hor_bn_re3, counted=counted, statistics=statistics))
+    def stages(self, begin: Callable[..., Array]) -> list[Stage]:
+        """From what `begin` makes of the arrays to the noise."""
+        first = Stage(lambda *arrays: self.ver_hor_bn_re2(begin(*arrays)), self.ver_hor_bn_re2.bn)
+        return _blended(self.a, [first], self.ver_hor_bn_re3, end=self.ver_hor_out)
 
 
-def _blended(a: Any, x: Array, layer: VerHorBnRe | None, *, counted: Array, statistics: Statistics) -> Array:
-    return x if layer is None else a[0] * x + (1 - a[0]) * layer(x, counted, statistics)
+def _blended(a: Any, stages: list[Stage], layer: VerHorBnRe | None, *, end: Callable[[Array], Array]) -> list[Stage]:
+    """These stages, the blend of their result with a second layer's by the learned share `a`, and `end`."""
+    if layer is None:
+        return [*stages, Stage(end)]
+    return [*stages, Stage(layer, layer.bn), Stage(lambda x, more: end(a[0] * x + (1 - a[0]) * more))]
 
 
 class SeparableNet(nnx.Module):
@@ -246,15 +222,16 @@ class PatchDenoiser(nnx.Module):
         weight0 = self.weights_net0(jnp.exp(-jnp.abs(self.alpha0[0]) * fine.distance), counted, statistics)
         weight1 = self.weights_net1(jnp.exp(-jnp.abs(self.alpha1[0]) * coarse.distance), counted, statistics)
 
-        def part1(near: tuple[Array, ...], counted: Array) -> tuple[Array, ...]:
-            index0, weight0, index1, weight1 = near
-            # (14 neighbours, patches, values): the layers mix neighbours and values in turn, each axis by itself.
-            x0 = net.sep_part1_s0(fine.table[index0] * weight0[..., None], counted, statistics)
-            x1 = net.sep_part1_s1(coarse.table[index1] * weight1[..., None], counted, statistics)
-            return jnp.concatenate([x0, x1]), net.ver_hor_agg0_pre(x0), net.ver_hor_agg1_pre(x1)
+        steps = {"counted": counted, "statistics": statistics, "chunk": chunk}
 
-        near = (fine.index, weight0, coarse.index, weight1)
-        features, pre0, pre1 = _by_chunks(part1, near, counted, chunk=chunk)
+        def part1(part: Part1, scale: Scale, weight: Array, *, pre: VerHor) -> tuple[Array, ...]:
+            # (14 neighbours, patches, values): the layers mix neighbours and values in turn, each axis by itself.
+            begin = lambda index, weight: scale.table[index] * weight[..., None]  # noqa: E731
+            stages = [*part.stages(begin), Stage(lambda *results: pre(results[-1]))]
+            return through(stages, (scale.index, weight), keep=2, **steps)
+
+        x0, pre0 = part1(net.sep_part1_s0, fine, weight0, pre=net.ver_hor_agg0_pre)
+        x1, pre1 = part1(net.sep_part1_s1, coarse, weight1, pre=net.ver_hor_agg1_pre)
 
         def aggregate(x: Array, d: int) -> Array:
             """Patches that overlap agree on their mean."""
@@ -266,45 +243,14 @@ class PatchDenoiser(nnx.Module):
         # At the coarse scale the patch's own factor is taken out before patches meet, and put back after.
         agreed1 = weight1[:1, :, None] * aggregate(pre1 / weight1[:1, :, None], 2)
 
-        def part2(seen: tuple[Array, ...], counted: Array) -> tuple[Array, ...]:
-            features, agreed0, agreed1 = seen
-            more0 = net.ver_hor_bn_re_agg0_post(agreed0, counted, statistics)
-            more1 = net.ver_hor_bn_re_agg1_post(agreed1, counted, statistics)
-            return (net.sep_part2(jnp.concatenate([features, more0, more1]), counted, statistics),)
+        def begin(*arrays: Array) -> Array:
+            *features, agreed0, agreed1 = arrays
+            more = net.ver_hor_bn_re_agg0_post(agreed0), net.ver_hor_bn_re_agg1_post(agreed1)
+            return jnp.concatenate([*features, *more])
 
-        (noise,) = _by_chunks(part2, (features, agreed0, agreed1), counted, chunk=chunk)
+        (noise,) = through(net.sep_part2.stages(begin), (x0, x1, agreed0, agreed1), **steps)
         # The network gives the noise; the first neighbour is the patch itself.
         clean = fine.table[fine.index[0]] - noise[0]
         # Flat patches count most where patches overlap: the weight falls with the cleaned patch's variance.
         spread = jnp.mean((clean - clean.mean(-1, keepdims=True)) ** 2, -1)
         return clean, jnp.exp(-jnp.abs(self.beta[0]) * spread)
-
-
-def _by_chunks(
-    function: Callable[[tuple[Array, ...], Array], tuple[Array, ...]],
-    arrays: tuple[Array, ...],
-    counted: Float[Array, " n"],
-    *,
-    chunk: int,
-) -> tuple[Array, ...]:
-    """`function` of arrays whose second axis are patches, and of which patches count: `chunk` patches at a time.
-
-    The patches that fill up the last chunk do not count.
-    """
-    n = len(counted)
-    if n <= chunk:
-        return function(arrays, counted)
-    # One shape of chunk alone, so that one program is compiled.
-    padding = -n % chunk
-
-    def cut(x: Array) -> Array:
-        x = jnp.pad(x, [(0, 0), (0, padding), *[(0, 0)] * (x.ndim - 2)])
-        return jnp.moveaxis(x.reshape(x.shape[0], -1, chunk, *x.shape[2:]), 1, 0)
-
-    def joined(x: Array) -> Array:
-        x = jnp.moveaxis(x, 0, 1)
-        return x.reshape(x.shape[0], -1, *x.shape[3:])[:, :n]
-
-    chunks = tuple(cut(x) for x in (*arrays, counted[None]))
-    parts = jax.lax.map(lambda part: function(part[:-1], part[-1][0]), chunks)
-    return tuple(joined(x) for x in parts)

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array
+from jaxsim.native import call, floats, integers, takes
 
 RADIUS = 14
 """Shifts of up to this many (dilated) cells are looked at: a window of 29 x 29."""
@@ -80,7 +81,6 @@ def _box_sum(x: Float[Array, "h w"], p: int, d: int) -> Float[Array, "rows colum
     """Sum over the p x p cells (d apart) of every patch."""
     rows, columns = x.shape[0] - d * (p - 1), x.shape[1] - d * (p - 1)
     x = sum(x[d * i : d * i + rows] for i in range(1, p)) + x[:rows]
-    x = jax.lax.optimization_barrier(x)  # else the row sums are taken once for each of the p columns
     return sum(x[:, d * j : d * j + columns] for j in range(1, p)) + x[:, :columns]
 
 
@@ -93,6 +93,8 @@ def nearest_patches(
     The first is the patch itself. `image` has a margin of 14 d cells around the patches that ask. `measured=None`:
     every cell is.
     """
+    if takes(image):
+        return _in_cpp(image, measured, p=p, d=d)
     margin, side = RADIUS * d, 2 * RADIUS + 1
     h, w = image.shape[0] - 2 * margin, image.shape[1] - 2 * margin
     rows, columns = h - d * (p - 1), w - d * (p - 1)
@@ -125,3 +127,17 @@ def nearest_patches(
     row = jnp.arange(rows)[:, None, None] + d * (shift // side)
     column = jnp.arange(columns)[None, :, None] + d * (shift % side)
     return nearest, row * (image.shape[1] - d * (p - 1)) + column
+
+
+def _in_cpp(
+    image: Float[Array, "h w"], measured: Bool[Array, "h w"] | None, *, p: int, d: int
+) -> tuple[Float[Array, "rows columns 14"], Int[Array, "rows columns 14"]]:
+    """`nearest_patches` in C++, for CPUs with a compiler."""
+    border = d * (2 * RADIUS + p - 1)
+    shape = (image.shape[0] - border, image.shape[1] - border, NEIGHBOURS)
+    if measured is None:
+        operands = (image, jnp.zeros((), jnp.float32))
+    else:
+        operands = (jnp.where(measured, image, 0.0), measured.astype(jnp.float32))
+    result = (floats(*shape), integers(*shape))
+    return call("nearest_patches", result, *operands, p=p, d=d, radius=RADIUS, unlike=UNLIKE)

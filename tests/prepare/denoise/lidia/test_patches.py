@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxsim.native import build
 from jaxsim.prepare.denoise.lidia import denoiser as whole
 from jaxsim.prepare.denoise.lidia.patches import NEIGHBOURS, RADIUS, UNLIKE, fold, nearest_patches, patch_counts, unfold
 
@@ -108,3 +109,33 @@ def test_folding_is_the_adjoint_of_unfolding():
         )
         again = back(apart, p, d) / patch_counts(*apart.shape[1:3], p, d=d)
         np.testing.assert_allclose(np.asarray(again), image, rtol=1e-5, atol=1e-6)
+
+
+def in_both_forms(monkeypatch, image, measured, p, d):
+    """Distances and numbers of the C++ form, and of XLA's."""
+    answers = []
+    for setting in ("1", "0"):
+        monkeypatch.setenv(build.SETTING, setting)
+        program = jax.jit(lambda *given: nearest_patches.__wrapped__(*given, p=p, d=d))
+        lowered = program.lower(image, measured)
+        assert ("@jaxsim_nearest_patches" in lowered.as_text()) == (setting == "1")
+        answers.append(jax.device_get(lowered.compile()(image, measured)))
+    return answers
+
+
+@pytest.mark.skipif(not build.available(), reason="no C++ form here")
+@pytest.mark.parametrize(("p", "d"), [(7, 1), (7, 2), (5, 1), (5, 2)])
+@pytest.mark.parametrize("masked", [False, True])
+def test_the_search_in_cpp_is_xlas(p, d, masked, monkeypatch):
+    """Rounded cells: many patches are as near as others, and the first of them counts."""
+    image, measured = measured_image(d)
+    image = np.round(2 * image) / 2
+    for mine, xlas in zip(*in_both_forms(monkeypatch, image, measured if masked else None, p, d), strict=True):
+        np.testing.assert_array_equal(mine, xlas)
+
+
+@pytest.mark.skipif(not build.available(), reason="no C++ form here")
+def test_widths_that_no_network_has_are_refused():
+    image, _ = measured_image(1)
+    with pytest.raises(Exception, match="5 or 7 cells wide"):
+        jax.block_until_ready(nearest_patches(jnp.asarray(image), None, p=3, d=1))

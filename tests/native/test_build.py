@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from jaxsim.detect.native import build
 from jaxsim.detect.sparse import CUBE, Sites, sparse_conv, submanifold_tables
+from jaxsim.native import build
 
 COMPILER = """#!/bin/sh
 [ "$1" = --version ] && echo {version} && exit

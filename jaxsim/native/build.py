@@ -28,7 +28,7 @@ SOURCE = Path(__file__).with_name("all.cc")
 SETTING = "JAXSIM_NATIVE"
 COMPILERS = ("c++", "g++", "clang++")
 FLAGS = ("-O3", "-std=c++17", "-shared", "-fPIC")
-FUNCTIONS = ("convolve", "weight_gradient", "neighbours", "other_side", "strided_sites", "query")
+FUNCTIONS = ("convolve", "weight_gradient", "neighbours", "other_side", "strided_sites", "query", "nearest_patches")
 LONGEST_S = 300
 """Seconds after which a compiler counts as hanging."""
 
@@ -57,9 +57,7 @@ def _loaded() -> str:
             jax.ffi.register_ffi_target(target, jax.ffi.pycapsule(getattr(functions, target)), platform="cpu")
     except (OSError, AttributeError, subprocess.SubprocessError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        _log.warning(
-            f"sparse: no C++ form ({reason}); XLA's form is taken, whose convolutions take several times as long"
-        )
+        _log.warning(f"native: no C++ form ({reason}); XLA's form is taken, which takes several times as long")
         return f"XLA ({reason})"
     return f"C++ ({library})"
 
@@ -76,7 +74,7 @@ def build() -> Path:
     library = folder / f"{name_of(compiler)}.so"
     if library.is_file():
         return library
-    _log.info(f"sparse: compiling the C++ form for this processor with {compiler}, once")
+    _log.info(f"native: compiling the C++ form for this processor with {compiler}, once")
     with tempfile.TemporaryDirectory(dir=folder) as work:
         made = Path(work) / library.name
         command = [compiler, *FLAGS, "-isystem", jax.ffi.include_dir(), str(SOURCE), "-o", str(made)]

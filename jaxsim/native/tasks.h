@@ -1,6 +1,6 @@
 // What the functions that XLA calls share: how work is cut into tasks, and shapes.
 //
-// Letters as in sparse.py: n rows of the input, m of the output, k cells of the kernel, c channels in, d out. All arrays
+// Letters as in detect/sparse.py: n rows of the input, m of the output, k cells of the kernel, c channels in, d out. All arrays
 // are dense, with any number of batch dimensions first. Bounds of tasks depend on shapes alone, and no two tasks write to
 // the same place: the answer is the same for any number of threads.
 
