@@ -29,7 +29,7 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
     Returns the row of cases.jsonl: the score (benchmarks/blind/hidden/score.py) and
         key, settings, seed, code; seconds and cpu_seconds of the answer alone; memory_gib, the process's largest;
         rivals: what simpler methods answer; oracle: the chance that an oracle detects what is hidden
-            (first world); place: where the case was taken (second world);
+            (first world); place: where the case was taken (that of cast rays);
         where, ranking: the verdict's first places and gains; drawn: its nulls, if any were drawn; closure;
         gap: {channel: [before, after, floor, placebo]}, mean errors; gained: {channel: [answer, floor, placebo]}, nats
             per scene of the judge scenes' log-likelihood;
@@ -60,7 +60,7 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
         **scored,
         "rivals": rival_answers(result, _rays(comparison, len(result.verdict.find))),
         "oracle": oracle_power(key) if settings.world == "home" else None,
-        "place": key.get("world", {}).get("place"),
+        "place": key["world"]["place"] if settings.world == "raycast" else None,
         "where": verdict["where"][:5],
         "drawn": verdict["nulls"],
         "ranking": [[rank["name"], rank["gain"]] for rank in verdict["ranking"][:5]],

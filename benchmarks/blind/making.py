@@ -16,7 +16,7 @@ def make(job: Job, settings: Settings, case: Path) -> None:
 
     Raises:
         ValueError: an unknown world, or what its generator refuses.
-        ImportError: the second world's caster is not installed.
+        ImportError: what a later world is made with is not installed.
     """
     about = {
         "effect": job.effect,
@@ -37,8 +37,15 @@ def make(job: Job, settings: Settings, case: Path) -> None:
         from benchmarks.blind import raycast
 
         raycast.make_case(case, **about, sensor=settings.sensor, given=settings.given)
+    elif settings.world == "mitsuba":
+        # So is its renderer.
+        from benchmarks.blind import mitsuba
+
+        # Its streets have no level of nuisances.
+        about = {name: value for name, value in about.items() if name != "nuisance"}
+        mitsuba.make_case(about.pop("seed"), out=case, **about, sensor=settings.sensor, given=settings.given)
     else:
-        raise ValueError(f"world {settings.world!r} is not known; choose home or raycast")
+        raise ValueError(f"world {settings.world!r} is not known; choose home, raycast or mitsuba")
 
 
 def strip(case: Path) -> None:

@@ -31,9 +31,9 @@ class Settings:
     simulator: str = "ideal"
     """Whose errors the simulated side has of its own (benchmarks/blind/hidden/simulator.py)."""
     world: str = "home"
-    """'home' (benchmarks/blind/hidden) or 'raycast' (benchmarks/blind/raycast)."""
+    """'home' (benchmarks/blind/hidden), 'raycast' or 'mitsuba' (folders of those names)."""
     sensor: str = "own"
-    """A sensor of the second world; the first has its own."""
+    """A sensor of a later world; the first has its own."""
     given: str = "all"
     """'all' arrays that the simulated side may have, or 'bare': range and intensity alone."""
 

@@ -1,12 +1,13 @@
-"""Blind naming in two worlds, for several sensors, simulators and given arrays:
+"""Blind naming in three worlds, for several sensors, simulators and given arrays:
 
-    python -m benchmarks.blind.worlds OUT --world home raycast --simulator ideal noisy --sensor spin64 \\
-        --given all bare --cases 15 --nulls 10
+    python -m benchmarks.blind.worlds OUT --world home raycast mitsuba --simulator ideal noisy --given all bare \\
+        --sensor spin64 turn --cases 15 --nulls 10
 
-Every combination (a cell) has the same plan: single effects that both worlds can hide, at severities in turn, and
-nulls, half of them with exact and half with misspecified nuisances. The first world has a sensor of its own; --sensor
-is the second's. One JSON line a case goes to OUT/cases.jsonl; the same command again goes on where it stopped, and
-larger counts or further cells add the cases that are new. `--table` runs nothing. Writes OUT/summary.md, also printed.
+Every combination (a cell) has the same plan: single effects, at severities in turn, and nulls, half of them with exact
+and half with misspecified nuisances; the rendered world has streets of one kind for both, and skips what it cannot
+hide. The first world has a sensor of its own, each other world those of --sensor that it knows. One JSON line a case
+goes to OUT/cases.jsonl; the same command again goes on where it stopped, and larger counts or further cells add the
+cases that are new. `--table` runs nothing. Writes OUT/summary.md, also printed.
 
 Development cases have seeds below 10000; `--sealed` ones, on which nothing may be tuned, from 10000 on.
 """
@@ -31,14 +32,22 @@ from benchmarks.blind.rows import append_row, check_settings, read_rows
 from benchmarks.blind.tables import answer_of, coverage, of_kind, rate
 
 Row = dict[str, Any]
-SENSORS = ("spin16", "spin64", "front128", "raster")
-"""Of benchmarks/blind/raycast, whose caster need not be installed for the first world alone."""
+SENSORS = {
+    "home": ("own",),
+    "raycast": ("spin16", "spin64", "front128", "raster"),
+    "mitsuba": ("turn", "front", "coarse"),
+}
+"""Of each world; the later worlds' libraries need not be installed for the first alone."""
+NEEDS = {"raycast": "embreex", "mitsuba": "mitsuba"}
+"""The library that a world is made with."""
 HIDDEN = (
     "beam_gain", "range_falloff", "random_dropout", "gamma_response", "range_noise", "incidence_cosine",
     "beam_range_bias", "atmospheric_extinction", "material_dropout", "near_range_overlap", "range_scale",
     "window_contamination", "intensity_quantization", "oren_nayar", "range_quantization",
 )  # fmt: skip
-"""What both worlds can hide, channels in turn."""
+"""What the worlds can hide, channels in turn."""
+CANNOT = {"mitsuba": ("range_quantization",)}
+"""What a world cannot hide of these."""
 NULLS = ("exact", "misspecified")
 HEAD = (
     "world", "sensor", "simulator", "given", "nulls: an effect named", "right first", "in the set",
@@ -47,7 +56,7 @@ HEAD = (
 
 
 def main(argv: list[str] | None = None) -> None:
-    args = _arguments(argv)
+    args = arguments(argv)
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
     rows = {row["key"]: row for row in read_rows(kept)}
@@ -58,8 +67,11 @@ def main(argv: list[str] | None = None) -> None:
         check_settings([r for r in rows.values() if cell_of(r) == settings.cell], asdict(settings))
     done = {key for key, row in rows.items() if row["verdict"] != "error"}
     tasks = [] if args.table else [task for task in tasks if key_of(*task) not in done][: args.most]
-    if any(settings.world == "raycast" for _, settings in tasks) and not find_spec("embreex"):
-        raise ValueError("worlds: raycast needs embreex, which is not installed; pip install -e '.[worlds]'")
+    for world in sorted({settings.world for _, settings in tasks} & {*NEEDS}):
+        if not find_spec(NEEDS[world]):
+            raise ValueError(
+                f"worlds: {world} needs {NEEDS[world]}, which is not installed; pip install -e '.[worlds]'"
+            )
     for row in tqdm(answers(tasks, args.out, workers=args.workers), total=len(tasks), unit="case"):
         row |= {"key": f"{cell_of(row)} {row['key']}"}
         append_row(kept, row)
@@ -70,11 +82,18 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def cells(args: argparse.Namespace) -> list[Settings]:
-    """Settings of every combination asked for; rasters are the sensors' own unless the arguments say otherwise."""
+    """Settings of every combination asked for; rasters are the sensors' own unless the arguments say otherwise.
+
+    Raises ValueError for a world that knows none of the sensors.
+    """
     found = []
     for world in args.world:
-        rows, columns = (args.rows or 48, args.columns or 384) if world == "home" else (args.rows, args.columns)
-        for sensor in ("own",) if world == "home" else args.sensor:
+        own = Settings() if world != "raycast" else Settings(rows=0, columns=0)
+        rows, columns = args.rows or own.rows, args.columns or own.columns
+        sensors = [name for name in SENSORS[world] if world == "home" or name in args.sensor]
+        if not sensors:
+            raise ValueError(f"worlds: {world} has none of these sensors; --sensor {' or '.join(SENSORS[world])}")
+        for sensor in sensors:
             for simulator in args.simulator:
                 for given in args.given:
                     shared = {"simulator": simulator, "world": world, "sensor": sensor, "given": given}
@@ -102,7 +121,7 @@ def plan_cells(
         planted.append(Job(effects[place], severity, "default", turn // len(severities)))
     none = [Job("none", 1.0, NULLS[k % 2], k // 2) for k in nulls]
     jobs = [job for pair in zip_longest(none, planted) for job in pair if job]
-    return [(job, settings) for job in jobs for settings in groups]
+    return [(job, settings) for job in jobs for settings in groups if job.effect not in CANNOT.get(settings.world, ())]
 
 
 def key_of(job: Job, settings: Settings) -> str:
@@ -157,12 +176,13 @@ def _line(rows: Sequence[Row]) -> str:
     return f"| {' | '.join([*words, *cells])} |"
 
 
-def _arguments(argv: list[str] | None) -> argparse.Namespace:
+def arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--world", nargs="+", choices=("home", "raycast"), default=["home", "raycast"])
+    parser.add_argument("--world", nargs="+", choices=tuple(SENSORS), default=["home", "raycast"])
     parser.add_argument("--simulator", nargs="+", choices=SIMULATORS, default=["ideal", "noisy"])
-    parser.add_argument("--sensor", nargs="+", choices=SENSORS, default=["spin64"], help="of the second world")
+    known = [name for world in SENSORS if world != "home" for name in SENSORS[world]]
+    parser.add_argument("--sensor", nargs="+", choices=known, default=["spin64", "turn"], help="of the later worlds")
     parser.add_argument("--given", nargs="+", choices=("all", "bare"), default=["all"])
     parser.add_argument("--cases", type=int, default=len(HIDDEN), help="single effects a cell")
     parser.add_argument("--first-case", type=int, default=0, help="single effects from this number of the plan on")

@@ -1,4 +1,4 @@
-"""The benchmark of two worlds: its cells, its plan, its rows and its table; every world's folders are readable."""
+"""The benchmark of three worlds: its cells, its plan, its rows and its table; every world's folders are readable."""
 
 import json
 from dataclasses import asdict
@@ -44,32 +44,51 @@ def test_a_job_hides_the_same_seed_in_every_cell_and_cells_share_no_folder():
     assert len({s.cell for s in (HOME, NOISY, Settings(given="bare"), Settings(world="raycast", sensor="spin16"))}) == 4
 
 
-def test_the_effects_are_those_that_both_worlds_hide():
+def test_the_rendered_world_skips_what_it_cannot_hide():
+    rendered = Settings(world="mitsuba", sensor="turn")
+    tasks = worlds.plan_cells([HOME, rendered], (2.0,), cases=range(15), nulls=range(0))
+    hidden = {world: {job.effect for job, s in tasks if s.world == world} for world in ("home", "mitsuba")}
+    assert hidden["home"] - hidden["mitsuba"] == {"range_quantization"}
+    mitsuba = pytest.importorskip("benchmarks.blind.mitsuba", reason="pip install -e '.[worlds]'", exc_type=ImportError)
+    assert hidden["mitsuba"] <= {*mitsuba.EFFECTS}
+    assert {*worlds.SENSORS["mitsuba"]} == {*mitsuba.SENSORS}
+
+
+def test_each_world_takes_the_sensors_that_it_knows_and_is_refused_without(tmp_path):
+    named = ["--world", "home", "raycast", "mitsuba", "--simulator", "noisy"]
+    found = worlds.cells(worlds.arguments([str(tmp_path), *named, "--sensor", "raster", "front"]))
+    assert [s.cell for s in found] == ["home-own-noisy-all", "raycast-raster-noisy-all", "mitsuba-front-noisy-all"]
+    assert [(s.rows, s.columns) for s in found] == [(48, 384), (0, 0), (48, 384)]
+    with pytest.raises(ValueError, match="mitsuba has none of these sensors; --sensor turn or front or coarse"):
+        worlds.cells(worlds.arguments([str(tmp_path), *named, "--sensor", "raster"]))
+
+
+def test_the_effects_are_those_that_the_first_worlds_hide():
     assert {*worlds.HIDDEN} <= {*list_effects()}
     raycast = pytest.importorskip("benchmarks.blind.raycast", reason="pip install -e '.[worlds]'", exc_type=ImportError)
     assert {*worlds.HIDDEN} == {*raycast.EFFECTS}
-    assert {*worlds.SENSORS} == {*raycast.SENSORS}
+    assert {*worlds.SENSORS["raycast"]} == {*raycast.SENSORS}
     assert {*raycast.SIMULATORS} == {*worlds.SIMULATORS}
 
 
 @pytest.mark.parametrize("given", ["all", "bare"])
-@pytest.mark.parametrize("world", ["home", "raycast"])
+@pytest.mark.parametrize("world", ["home", "raycast", "mitsuba"])
 def test_discover_can_read_every_world(tmp_path, world, given):
-    if world == "raycast":
-        pytest.importorskip("embreex", reason="pip install -e '.[worlds]'")
-    sensor = "own" if world == "home" else "spin16"
-    settings = Settings(False, 2, 8, 60, simulator="noisy", world=world, sensor=sensor, given=given)
+    if world in worlds.NEEDS:
+        pytest.importorskip(worlds.NEEDS[world], reason="pip install -e '.[worlds]'")
+    settings = Settings(False, 2, 8, 60, simulator="noisy", world=world, sensor=worlds.SENSORS[world][0], given=given)
     make(JOB, settings, tmp_path / "case")
     read = read_comparison(tmp_path / "case" / "simulated", tmp_path / "case" / "measured")
     assert read.scan.range_m.shape == (2, 8, 60)
     assert len(set(read.scenes)) == 2
     assert bool(np.asarray(read.scan.semantic).any()) == (given == "all")
     assert bool(np.asarray(read.scan.speed_mps).any()) == (given == "all")
-    assert json.loads(key_path(tmp_path / "case").read_text())["simulator"]["name"] == "noisy"
+    key = json.loads(key_path(tmp_path / "case").read_text())
+    assert (key["level"] if world == "mitsuba" else key["simulator"]["name"]) == "noisy"
 
 
 def test_an_unknown_world_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="choose home or raycast"):
+    with pytest.raises(ValueError, match="choose home, raycast or mitsuba"):
         make(JOB, Settings(world="mars"), tmp_path / "case")
 
 
@@ -100,10 +119,11 @@ def test_a_run_goes_on_where_it_stopped_and_tries_errors_again(tmp_path, monkeyp
         worlds.main([*command, "--scenes", "3"])
 
 
-def test_without_its_caster_the_second_world_is_refused_before_anything_runs(tmp_path, monkeypatch):
+@pytest.mark.parametrize("world", ["raycast", "mitsuba"])
+def test_without_its_library_a_later_world_is_refused_before_anything_runs(tmp_path, monkeypatch, world):
     monkeypatch.setattr(worlds, "find_spec", lambda name: None)
-    with pytest.raises(ValueError, match="pip install -e"):
-        worlds.main([str(tmp_path), "--cases", "1", "--nulls", "0"])
+    with pytest.raises(ValueError, match=f"{world} needs {worlds.NEEDS[world]}, .*pip install -e"):
+        worlds.main([str(tmp_path), "--world", world, "--cases", "1", "--nulls", "0"])
     assert not (tmp_path / "cases.jsonl").exists()
 
 

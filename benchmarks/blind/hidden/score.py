@@ -23,8 +23,10 @@ def score(key: Key | dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
         case, kind ('none' | 'single' | 'combination' | 'outside'), truth, answer, and
         right: none -> verdict 'none'; single -> the right name first; combination -> exactly the hidden set;
             outside -> 'not_in_catalogue' with its channel and an acceptable covariate.
-        named: an effect of the catalogue was claimed; first_right; in_set: every hidden name is a claimed one or a
+        named: an effect of the catalogue was claimed; first_right: the first name is hidden, or in `right` of a hidden
+            one (where a renderer's law is none of the catalogue's); in_set: every hidden name is a claimed one or a
             look-alike of one; set_size: mean of 1 + look-alikes; exact; precision, recall, f1 of the claimed names;
+            false_names: neither hidden nor in `right`;
         channel_right, covariate_right: of `unexplained` for outside cases, else None;
         where_right: one of the first five entries of `where` has a channel and an acceptable covariate of what is
             hidden (None where nothing is hidden, or it has no covariate);
@@ -37,6 +39,7 @@ def score(key: Key | dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
     key = asdict(key) if isinstance(key, Key) else key
     _check(verdict)
     truth = [e["name"] for e in key["effects"]]
+    right = {name for e in key["effects"] for name in e.get("right", [e["name"]])}
     outside = key["outside"]
     kind = "outside" if outside else ("none", "single")[len(truth)] if len(truth) < 2 else "combination"
     claims = verdict["effects"] if verdict["verdict"] == "named" else []
@@ -54,14 +57,14 @@ def score(key: Key | dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
         "verdict": verdict["verdict"],
         "answer": names,
         "named": bool(names),
-        "first_right": bool(names) and names[0] in truth,
+        "first_right": bool(names) and names[0] in right,
         "in_set": covered,
         "set_size": float(np.mean([len(s) for s in sets])) if sets else None,
         "exact": set(names) == set(truth) and not outside,
         "precision": hits / len(set(names)) if names else None,
         "recall": hits / len(truth) if truth else None,
         "f1": 2 * hits / (len(set(names)) + len(truth)) if names or truth else None,
-        "false_names": [n for n in names if n not in truth],
+        "false_names": [n for n in names if n not in right],
         "channel_right": None,
         "covariate_right": None,
         "where_right": None,

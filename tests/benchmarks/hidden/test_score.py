@@ -44,6 +44,13 @@ def test_a_look_alike_named_first_is_in_the_set_but_not_right():
     assert not score(KEY, _named(_claim("beam_gain")))["in_set"]
 
 
+def test_a_name_that_a_rendered_law_may_have_is_right_and_not_false():
+    key = KEY | {"effects": [KEY["effects"][0] | {"name": "oren_nayar", "right": ["oren_nayar", "incidence_cosine"]}]}
+    result = score(key, _named(_claim("incidence_cosine"), _claim("beam_gain")))
+    assert (result["right"], result["exact"], result["false_names"]) == (True, False, ["beam_gain"])
+    assert not score(key, _named(_claim("beam_gain")))["right"]
+
+
 def test_the_place_of_the_disagreement_is_scored_by_channel_and_covariate():
     effect = KEY["effects"][0] | {"covariates": ["range", "power"]}
     key = KEY | {"effects": [effect]}
