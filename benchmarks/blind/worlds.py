@@ -27,6 +27,7 @@ from tqdm import tqdm
 
 from benchmarks.blind.effects import answers
 from benchmarks.blind.hidden.simulator import SIMULATORS
+from benchmarks.blind.oracle import table
 from benchmarks.blind.plan import Job, Settings
 from benchmarks.blind.rows import append_row, check_settings, read_rows
 from benchmarks.blind.tables import answer_of, coverage, of_kind, rate
@@ -49,8 +50,10 @@ HIDDEN = (
 CANNOT = {"mitsuba": ("range_quantization",)}
 """What a world cannot hide of these."""
 NULLS = ("exact", "misspecified")
+TOLD = ("world", "sensor", "simulator", "given")
+"""Settings that tell one cell from another."""
 HEAD = (
-    "world", "sensor", "simulator", "given", "nulls: an effect named", "right first", "in the set",
+    *TOLD, "nulls: an effect named", "right first", "in the set",
     "a name that is not hidden", "90 % intervals that cover", "cpu s",
 )  # fmt: skip
 
@@ -133,7 +136,8 @@ def cell_of(row: Row) -> str:
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """A line a cell, then what was answered to each case that was not answered rightly."""
+    """A line a cell and a line for cells together; what an oracle reaches, where nulls enough were asked; then what was
+    answered to each case that was not answered rightly."""
     if not rows:
         return "no case yet"
     codes, failed = sorted({row["code"] for row in rows}), [row["key"] for row in rows if row["verdict"] == "error"]
@@ -146,7 +150,9 @@ def summary(rows: Sequence[Row]) -> str:
     for row in sorted(rows, key=cell_of):
         groups.setdefault(cell_of(row), []).append(row)
     text += ["", f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD)]
-    text += [_line(some) for some in [*groups.values(), *([list(rows)] if len(groups) > 1 else [])]]
+    text += [_line(some) for some in [*groups.values(), *_together(rows)]]
+    if beside := table(rows):
+        text += ["", "Beside an oracle that knows the form (benchmarks/blind/oracle.py):", "", beside]
     text += ["", "| cell | hidden | severity | place | answer |", "|---|---|---|---|---|"]
     text += [
         f"| {cell} | {', '.join(row['truth']) or 'nothing, ' + row['level']} | {row['severity']:g} | "
@@ -158,11 +164,20 @@ def summary(rows: Sequence[Row]) -> str:
     return "\n".join(text)
 
 
+def _together(rows: Sequence[Row]) -> list[list[Row]]:
+    """Rows of several cells: of each world, of each sensor, simulator and choice of arrays, and all."""
+    found = [list(rows)]
+    for name in reversed(TOLD):
+        values = sorted({row["settings"][name] for row in rows})
+        found = [[row for row in rows if row["settings"][name] == value] for value in values if len(values) > 1] + found
+    return [some for some in found if len({cell_of(row) for row in some}) > 1]
+
+
 def _line(rows: Sequence[Row]) -> str:
     """The rates of some rows; of several cells where they differ."""
     none, single = of_kind(rows, "none"), of_kind(rows, "single")
     words = []
-    for name in ("world", "sensor", "simulator", "given"):
+    for name in TOLD:
         there = {row["settings"][name] for row in rows}
         words.append(there.pop() if len(there) == 1 else "every")
     cells = [

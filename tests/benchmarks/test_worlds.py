@@ -139,6 +139,23 @@ def test_the_table_tells_false_names_from_missed_ones():
     assert worlds.summary([]) == "no case yet"
 
 
+def test_cells_are_told_together_by_what_they_differ_in_and_an_oracle_beside_nulls_enough():
+    bare = Settings(given="bare")
+    nulls = [(Job("none", 1.0, "exact", k), HOME) for k in range(20)]
+    rows = []
+    for job, settings in [*nulls, (JOB, HOME), (JOB, bare)]:
+        row = _answered(job, settings, ranking=[["beam_gain", 9.0 if job is JOB else 0.1], ["blooming", 0.0]])
+        rows.append(row | {"key": worlds.key_of(job, settings), "settings": asdict(settings)})
+    text = worlds.summary(rows)
+    every, one = (
+        "| home | own | ideal | every | 0 % (0 of 20; 0 to 16 %) | 100 % (2 of 2;",
+        "100 % (1 of 1; 21 to 100 %)",
+    )
+    assert text.count(every) == 1
+    assert f"| {HOME.cell} | {one} | {one} | {one} | {one} | {one} | - |" in text
+    assert "oracle" not in worlds.summary(rows[1:])
+
+
 def test_later_numbers_of_the_plan_are_cases_that_the_first_do_not_hold():
     first = worlds.plan_cells([HOME], (2.0,), cases=range(30), nulls=range(0))
     later = worlds.plan_cells([HOME], (2.0,), cases=range(30, 60), nulls=range(0))
