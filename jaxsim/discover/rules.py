@@ -94,8 +94,8 @@ class Rules:
     compared_steps: float = 3.0
     """Steps of the sensor's rounding below which predicted intensities are not compared: their logarithms are off."""
     compared_noise: float = 0.2
-    """Noise of the sensor, the same for all intensities, over the predicted one from which on intensities are not
-    compared: the mean of the logarithm is then off by half its square."""
+    """Noise that is the same for all intensities, over the predicted one, from which on intensities are not compared.
+    The sensor's puts the mean of a logarithm off by half its square, the simulator's hides what it means."""
     full_reading: float = 0.9995
     """Intensity from which a reading lies at the end of the sensor's scale: what is brighter reads the same ..."""
     full_share: float = 0.05

@@ -162,7 +162,9 @@ class AtRays:
     log_kept: Float[Array, ""]
     step: Float[Array, " 2"]
     constant: Float[Array, ""]
-    """Noise on the sensor's intensities that is the same for all."""
+    """Noise on the sensor's intensities that is the same for all ..."""
+    own_constant: Float[Array, ""]
+    """... and on the simulator's."""
 
 
 def at_rays(
@@ -184,6 +186,7 @@ def at_rays(
         log_kept=np.float32(np.log1p(-noise.loss)),
         step=np.array([noise.intensity_step, noise.range_step_m], np.float32),
         constant=np.float32(0.0 if simulator is None else simulator.measured_noise.intensity),
+        own_constant=np.float32(noise.intensity),
     )
     if simulator is None or simulator.intensities is None:
         return simulated

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.model.simulator import filled, meant, reliability, trend
-from tests.discover.noisy_street import scan, sensed
+from jaxsim.discover.read import Division
+from jaxsim.discover.rules import RULES
+from tests.discover.noisy_street import comparison, scan, sensed
 
 NOISY = {"share": 0.06, "constant": 0.008, "range_m": 0.015, "loss": 0.01, "step": 1 / 255}
 
@@ -74,3 +76,15 @@ def test_the_trend_is_the_law_of_class_angle_and_range():
     noisy = level + rng.normal(0, 0.1, n)
     told = trend(noisy, semantic=kind, surface=surface, incidence_rad=incidence, range_m=range_m)
     assert np.std(told - level) < 0.03
+
+
+def test_rays_that_the_simulators_constant_noise_hides_are_not_compared_although_the_sensor_has_none():
+    darkest = []
+    for noise in ({}, {"constant": 0.008}):
+        division = Division.of(comparison(noise, {}))
+        ev, _ = division.evidence(division.parts.find)
+        predicted = np.exp(np.asarray(ev.rays.log_intensity))[np.asarray(ev.compared)]
+        darkest.append(float(predicted.min()))
+    # The road at 80 degrees: 0.15 cos.
+    assert darkest[0] < 0.03
+    assert darkest[1] == pytest.approx(0.008 / RULES.compared_noise, rel=0.1)
