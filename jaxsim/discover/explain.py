@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from jaxsim.discover.add import parameters_of
 from jaxsim.discover.model.fit import Problem
@@ -165,6 +166,20 @@ def simulator_noise(noise: Levels) -> tuple[str, ...]:
         f"the simulated frames have noise of their own ({', '.join(noises)}; read off neighbouring rays): surfaces "
         "were made smooth, and compared is what the simulator means; effects count by what they explain between "
         "surfaces, ranges and angles. Frames without noise tell more",
+    )
+
+
+def without_classes(semantic: Int[np.ndarray, "f r c"], choice: Choice) -> tuple[str, ...]:
+    """What a reader must know of effects by which intensities follow the range alone, where no class tells surfaces
+    apart."""
+    effects = [step.chosen.effect for step in choice.steps]
+    along_range = [one.plain_name for one in effects if (one.channels, one.covariates) == (("intensity",), ("range",))]
+    if not along_range or len(np.unique(semantic)) > 1:
+        return ()
+    return (
+        f"{', '.join(along_range)}: the simulated frames tell no classes. Where one material stands near by and "
+        "another far off in every scene, and the simulator has one of them too bright, that looks the same; frames "
+        "with `semantic` tell the two apart",
     )
 
 

@@ -9,6 +9,8 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, add_effects
 from jaxsim.discover.every_frame import HeldAnswer, judge_rest, rest_in_words
@@ -22,6 +24,7 @@ from jaxsim.discover.explain import (
     simulator_noise,
     unconfirmed_curves,
     why_not,
+    without_classes,
 )
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.law.learn import curve_form
@@ -168,6 +171,7 @@ def discover(
             *notes(comparison, parts, model.choice, held=modelled),
             *simulator_noise(division.simulator.noise),
             *mutual_noise(model.answer.mutual),
+            *without_classes(np.asarray(comparison.scan.semantic), model.choice),
             *unconfirmed_curves(model.answer.unconfirmed),
             *([rest_in_words(every)] if every else []),
             *([unrelated_note] if unrelated_note else []),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.discover.explain import named, unconfirmed_curves, why_not
+from jaxsim.discover.explain import named, unconfirmed_curves, why_not, without_classes
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.rules import RULES
 from tests.discover.name.made import candidate, problem, step
@@ -40,3 +40,12 @@ def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
     [note] = unconfirmed_curves(("intensity along range",))
     assert note.startswith("not confirmed on unseen scenes: intensity along range ")
     assert note.endswith("it is not added")
+
+
+def test_a_fall_with_the_range_is_told_to_be_doubtful_where_no_class_tells_surfaces_apart():
+    one_kind, classes = np.zeros((1, 2, 2), int), np.array([[[7, 7], [11, 0]]])
+    fall, gain = step(candidate("atmospheric_extinction", 9)), step(candidate("beam_gain", 9))
+    [note] = without_classes(one_kind, Choice((gain, fall), (), problem()))
+    assert note.startswith("atmospheric_extinction: the simulated frames tell no classes")
+    assert without_classes(classes, Choice((gain, fall), (), problem())) == ()
+    assert without_classes(one_kind, Choice((gain,), (), problem())) == ()
