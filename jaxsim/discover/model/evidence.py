@@ -297,7 +297,7 @@ def _fields_of_rays(
     log_measured = jnp.log(jnp.maximum(measured.intensity[index], FLOOR))
     level = expected + jnp.nanmedian(jnp.where(seen, log_measured - rays.log_intensity, jnp.nan))
     dark = per_ray.constant * jnp.exp(-level)
-    # Such noise of the simulator hides what it means by its dark rays, and cut off at 0 it lifts them.
+    # Such noise of the simulator hides what it means by its dark rays.
     hidden = per_ray.own_constant * jnp.exp(-jnp.minimum(expected, rays.log_intensity))
     compared = compared & (dark < RULES.compared_noise) & (hidden < RULES.compared_noise)
     blur = jnp.minimum(dark, RULES.compared_noise) ** 2
