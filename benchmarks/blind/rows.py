@@ -15,7 +15,9 @@ from benchmarks.blind.plan import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("jaxsim/discover", "jaxsim/effects", "jaxsim/geometry", "benchmarks/blind")
-"""Folders that an answer and its score depend on; the hidden world lies in the last."""
+"""Folders that an answer and its score depend on; the hidden world lies in the last ..."""
+MEASURED = ROOT / "benchmarks" / "blind" / "measured"
+"""... and beside it what was answered, which no answer depends on."""
 
 
 @cache
@@ -23,7 +25,8 @@ def code_version() -> str:
     """Hash of the sources that rows depend on: rows of different code are not one measurement.
 
     Of the files as they are when it is first called: a worker calls it when it starts."""
-    files = sorted(path for folder in SOURCES for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".json"))
+    here = [path for folder in SOURCES for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".json")]
+    files = sorted(path for path in here if MEASURED not in path.parents)
     parts = [f"{path.relative_to(ROOT)} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in files]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:12]
 

@@ -6,7 +6,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from benchmarks.blind import worlds
+from benchmarks.blind import rows, worlds
 from benchmarks.blind.effects import failed
 from benchmarks.blind.hidden import key_path, list_effects
 from benchmarks.blind.making import make
@@ -162,3 +162,17 @@ def test_later_numbers_of_the_plan_are_cases_that_the_first_do_not_hold():
     seeds = [{job.seed(sealed=True) for job, _ in tasks} for tasks in (first, later)]
     assert [len(found) for found in seeds] == [30, 30]
     assert not seeds[0] & seeds[1]
+
+
+def test_rows_know_the_code_by_its_sources_and_not_by_what_was_measured(tmp_path, monkeypatch):
+    for name in ("effects.py", "hidden/units.json", "measured/worlds/cases/one.key.json"):
+        (tmp_path / "benchmarks/blind" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "benchmarks/blind" / name).write_text("1")
+    monkeypatch.setattr(rows, "ROOT", tmp_path)
+    monkeypatch.setattr(rows, "MEASURED", tmp_path / "benchmarks/blind/measured")
+    version = rows.code_version.__wrapped__
+    before = version()
+    (tmp_path / "benchmarks/blind/measured/worlds/cases/two.key.json").write_text("2")
+    assert version() == before
+    (tmp_path / "benchmarks/blind/hidden/units.json").write_text("2")
+    assert version() != before
