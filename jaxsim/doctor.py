@@ -40,7 +40,7 @@ Lines = list[tuple[str, str]]
 def facts() -> Lines:
     """Versions, devices, the cache and the extras that are installed; nothing of them names a user's data."""
     needs, extras = requirements()
-    told = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *sparse_form(), *environment_settings(), *cache()]
+    told = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *native_form(), *environment_settings(), *cache()]
     return [*told, *installed_extras(extras)]
 
 
@@ -106,14 +106,14 @@ def devices() -> Lines:
     return [("devices", ", ".join(devices_here))]
 
 
-def sparse_form() -> Lines:
-    """Which form sparse convolutions take; it is compiled for that if it has not been."""
+def native_form() -> Lines:
+    """Which form takes the place of what XLA does slowly on a CPU; it is compiled for that if it has not been."""
     from jaxsim.native.build import form  # waits, as above
 
     try:
-        return [("sparse", form().replace(os.path.expanduser("~"), "~", 1))]
+        return [("native", form().replace(os.path.expanduser("~"), "~", 1))]
     except (RuntimeError, AssertionError):  # no device starts, which `devices` has told
-        return [("sparse", "none: no device")]
+        return [("native", "none: no device")]
 
 
 def environment_settings() -> Lines:

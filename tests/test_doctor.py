@@ -16,7 +16,7 @@ def test_facts_come_in_the_order_of_a_bug_report():
 
 def test_the_form_of_sparse_convolutions_is_told(monkeypatch):
     monkeypatch.setenv("JAXSIM_NATIVE", "0")
-    assert dict(facts())["sparse"] == "XLA (JAXSIM_NATIVE=0)"
+    assert dict(facts())["native"] == "XLA (JAXSIM_NATIVE=0)"
 
 
 def test_what_is_needed_and_what_is_extra_comes_from_the_package_itself():
