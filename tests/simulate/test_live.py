@@ -55,7 +55,12 @@ def test_attached_it_gives_the_clouds_of_the_sensor(sensor, view, live):
     arrays = {"rgb": view.rgb, "depth_m": view.depth_m, "semantic": view.semantic, "instance": view.instance}
     expected = returned(sensor.simulate(**arrays))
     assert len(expected) > 1000
-    np.testing.assert_allclose(returned(live(view)), expected, atol=1e-5)
+    clouds = returned(live(view))
+    np.testing.assert_allclose(clouds[:, :3], expected[:, :3], atol=1e-5)
+    # Two programs round in their own way, and reported intensities lie on steps of 1/100.
+    steps = np.abs(clouds[:, 3] - expected[:, 3]) / 0.01
+    assert steps.max() < 1.01
+    assert (steps > 0.01).mean() < 1e-3
 
 
 def test_a_batch_is_its_views(sensor, view, live):
