@@ -218,17 +218,9 @@ ffi::Error WeightGradient(ffi::ThreadPool pool, Floats features, Floats change,
 
 }  // namespace
 
-XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxsim_convolve, Convolve,
-                              ffi::Ffi::Bind()
-                                  .Ctx<ffi::ThreadPool>()
-                                  .Arg<Floats>()
-                                  .Arg<Floats>()
-                                  .Arg<Integers>()
-                                  .Ret<Floats>());
-XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxsim_weight_gradient, WeightGradient,
-                              ffi::Ffi::Bind()
-                                  .Ctx<ffi::ThreadPool>()
-                                  .Arg<Floats>()
-                                  .Arg<Floats>()
-                                  .Arg<Integers>()
-                                  .Ret<Floats>());
+inline auto OfTwoAndTable() {
+  return ffi::Ffi::Bind().Ctx<ffi::ThreadPool>().Arg<Floats>().Arg<Floats>().Arg<Integers>().Ret<Floats>();
+}
+
+XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxsim_convolve, Convolve, OfTwoAndTable());
+XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxsim_weight_gradient, WeightGradient, OfTwoAndTable());

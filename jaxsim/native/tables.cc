@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "tasks.h"
@@ -120,30 +121,17 @@ ffi::Error StridedSites(ffi::ThreadPool pool, Integers inputs, Numbers shape,
 
 }  // namespace
 
+// What `_attributes` of detect/native.py gives, after the arguments.
+template <typename Binding>
+auto WithWindow(Binding binding) {
+  return std::move(binding).template Attr<Numbers>("shape").template Attr<Numbers>("out_shape")
+      .template Attr<Numbers>("kernel").template Attr<Numbers>("stride").template Attr<Numbers>("padding");
+}
+
+inline auto OfIntegers() { return ffi::Ffi::Bind().Ctx<ffi::ThreadPool>().Arg<Integers>(); }
+
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxsim_neighbours, Neighbours,
-                              ffi::Ffi::Bind()
-                                  .Ctx<ffi::ThreadPool>()
-                                  .Arg<Integers>()
-                                  .Arg<Integers>()
-                                  .Attr<Numbers>("shape")
-                                  .Attr<Numbers>("out_shape")
-                                  .Attr<Numbers>("kernel")
-                                  .Attr<Numbers>("stride")
-                                  .Attr<Numbers>("padding")
-                                  .Ret<Integers>());
-XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxsim_other_side, OtherSide,
-                              ffi::Ffi::Bind()
-                                  .Ctx<ffi::ThreadPool>()
-                                  .Arg<Integers>()
-                                  .Ret<Integers>());
+                              WithWindow(OfIntegers().Arg<Integers>()).Ret<Integers>());
+XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxsim_other_side, OtherSide, OfIntegers().Ret<Integers>());
 XLA_FFI_DEFINE_HANDLER_SYMBOL(jaxsim_strided_sites, StridedSites,
-                              ffi::Ffi::Bind()
-                                  .Ctx<ffi::ThreadPool>()
-                                  .Arg<Integers>()
-                                  .Attr<Numbers>("shape")
-                                  .Attr<Numbers>("out_shape")
-                                  .Attr<Numbers>("kernel")
-                                  .Attr<Numbers>("stride")
-                                  .Attr<Numbers>("padding")
-                                  .Ret<Integers>()
-                                  .Ret<Integers>());
+                              WithWindow(OfIntegers()).Ret<Integers>().Ret<Integers>());

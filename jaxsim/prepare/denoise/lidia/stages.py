@@ -21,7 +21,7 @@ EPS, MOMENTUM = 1e-5, 0.1
 PRECISION = jax.lax.Precision.HIGHEST
 """An accelerator's default would round inputs to fewer digits."""
 BLOCK = 256
-"""Patches at a time: what 56 neighbours' 64 features of them take, 3.5 MiB, goes through the caches of two cores."""
+"""Patches at a time: 56 neighbours' 64 features of them take 3.5 MiB, and stay in the last cache."""
 
 
 class Moments(NamedTuple):
