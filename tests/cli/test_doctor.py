@@ -28,7 +28,7 @@ def test_settings_are_told_where_no_device_starts(capsys, monkeypatch):
     told = dict(line.split(":", 1) for line in capsys.readouterr().out.splitlines())
     assert "none: JAX starts no device (Unable to initialize backend 'tpu'); JAX_PLATFORMS=cpu" in told["devices"]
     assert "JAX_PLATFORMS=tpu" in told["settings"]
-    assert told["sparse"].strip() == "none: no device"
+    assert told["native"].strip() == "none: no device"
 
 
 def test_the_sample_run_is_told_last(monkeypatch, capsys):
