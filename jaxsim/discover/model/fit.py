@@ -1,4 +1,4 @@
-"""Fits an effect together with the noise: the penalised likelihood of z and noise, climbed by L-BFGS-B.
+"""Fits an effect together with the noise: the penalised likelihood of z and noise, climbed by L-BFGS-B (`minimum`).
 
 The likelihood is compiled once for all effects: each effect's own function is small, and the chain rule joins them
 (`gradients`). Levels and poses follow in closed form at every step (`random_effects`).
@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize
 
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.gradients import (
@@ -27,6 +26,7 @@ from jaxsim.discover.model.gradients import (
     value_and_gradient,
     with_effect,
 )
+from jaxsim.discover.model.minimum import Point, minimum
 from jaxsim.discover.model.noise import LEAST, MOST, NOISE_SD, Noise
 from jaxsim.discover.model.parameters import prior, ravel, restorer, to_z
 from jaxsim.discover.model.random_effects import NormalEquations
@@ -46,8 +46,6 @@ NULL_STEPS = 100
 """Steps that a fit of the null may take."""
 NULL_ENOUGH = 1e-3
 """What ENOUGH is for the null: every effect's gain is counted from it."""
-CORRECTIONS = 12
-"""Pairs of steps and gradients from which L-BFGS knows the curvature: about as many as there are noise scales."""
 NO_LOSS = 1e12
 """Loss where a fit has gone to no number: the line search turns back."""
 Chain = Sequence[tuple[Law, dict[str, Any]]]
@@ -66,8 +64,6 @@ class Problem:
     noise: Noise
     clutter: bool = False
     """Rays already carry clutter."""
-    loss: float = 1e4
-    """Loss of the null: the scale of a fit's loss."""
     basis: Float[Array, "b c r k"] | None = None
     """What free curves are made of (`Rays.basis`); the likelihood knows nothing of it."""
 
@@ -155,21 +151,22 @@ class Objective:
 
     def data(
         self, x: Float[np.ndarray, " n"], counted: Float[Array, " b"] | None = None
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
-        """Value and gradient without the priors."""
+    ) -> tuple[Gradient, Float[np.ndarray, " n"]]:
+        """The likelihood and its derivatives in x, without the priors."""
         rays, likelihood = self.gradient(x, counted)
         by_z = gradient_in_z(rays.pullbacks, likelihood.by_fields) if self.own else {}
-        return float(likelihood.value), ravel((by_z, likelihood.by_noise))
+        return likelihood, ravel((by_z, likelihood.by_noise))
 
-    def __call__(self, x: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
-        """Value and gradient with the normal priors: what the fit lowers."""
-        value, gradient = self.data(x)
+    def __call__(self, x: Float[np.ndarray, " n"]) -> Point:
+        """Value and gradient with the normal priors, what the fit lowers; and every block's log-likelihood."""
+        likelihood, gradient = self.data(x)
         # The priors' share: half a square of the distance, and its derivative.
         away = (x - self.centre) / self.sd
-        value = value + 0.5 * float(away @ away)
+        value = float(likelihood.value) + 0.5 * float(away @ away)
         gradient = gradient + away / self.sd
-        finite = np.isfinite(value) and np.isfinite(gradient).all()
-        return (value, gradient) if finite else (NO_LOSS, np.zeros_like(x))
+        if np.isfinite(value) and np.isfinite(gradient).all():
+            return Point(x, value, gradient, likelihood.blocks)
+        return Point(x, NO_LOSS, np.zeros_like(x), likelihood.blocks)
 
 
 def fit(
@@ -194,12 +191,9 @@ def fit(
     bounds = objective.bounds
     if fixed:
         bounds = [*[(v, v) for v in begin[0][: objective.own]], *bounds[objective.own :]]
-    # Stop where a step gains less than ENOUGH nats; SciPy asks for it as a fraction of the loss.
-    options = {"maxiter": steps, "ftol": enough / max(abs(problem.loss), 1.0), "maxcor": CORRECTIONS}
-    best = minimize(objective, begin[0], jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    best = minimum(objective, begin[0], sd=objective.sd, bounds=bounds, steps=steps, enough=enough)
     z, noise = objective.restore(best.x)
-    _, likelihood = objective.gradient(best.x)
-    return Fit(jax.tree.map(np.asarray, z), noise, np.asarray(likelihood.blocks), float(best.fun))
+    return Fit(jax.tree.map(np.asarray, z), noise, np.asarray(best.more), best.loss)
 
 
 def fit_noise(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Fit:

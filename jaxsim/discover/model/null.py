@@ -117,7 +117,7 @@ def fit_null(
     null = fit_noise(problem, fitted)
     # Effects that cut by power see it as uncertain as it is.
     ev = with_power_spread(ev, null.noise, implied_level(ev, problem.equations))
-    return replace(problem, ev=ev, noise=null.noise, loss=null.loss), null
+    return replace(problem, ev=ev, noise=null.noise), null
 
 
 def reweighted(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Problem:

@@ -30,8 +30,8 @@ def test_the_gradient_is_that_of_finite_differences(problem):
     for k in range(len(x)):
         away = np.zeros(len(x))
         away[k] = step
-        slopes.append((objective(x + away)[0] - objective(x - away)[0]) / (2 * step))
-    np.testing.assert_allclose(objective(x)[1], slopes, rtol=0.03, atol=0.3)
+        slopes.append((objective(x + away).loss - objective(x - away).loss) / (2 * step))
+    np.testing.assert_allclose(objective(x).gradient, slopes, rtol=0.03, atol=0.3)
 
 
 def test_the_way_to_a_fit_begins_at_the_null_and_ends_at_the_fit(problem):
