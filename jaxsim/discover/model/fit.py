@@ -184,16 +184,29 @@ def fit(
     Begins at the best of `starts` (values; by default the effect's own and neutral); `fixed` keeps the effect there.
     """
     objective = Objective(effect, problem, fitted)
-    begin = [objective.start(start) for start in (({}, *effect.starts) if starts is None else starts)]
-    # Laws have several basins; one look at each start costs less than a fit from each.
-    if len(begin) > 1:
-        begin = [min(begin, key=lambda x: float(objective.gradient(x)[1].value))]
+    tried = ({}, *effect.starts) if starts is None else starts
+    begin = objective.start(tried[0] if len(tried) == 1 else best_starts(effect, problem, tried, [fitted])[0])
     bounds = objective.bounds
     if fixed:
-        bounds = [*[(v, v) for v in begin[0][: objective.own]], *bounds[objective.own :]]
-    best = minimum(objective, begin[0], sd=objective.sd, bounds=bounds, steps=steps, enough=enough)
+        bounds = [*[(v, v) for v in begin[: objective.own]], *bounds[objective.own :]]
+    best = minimum(objective, begin, sd=objective.sd, bounds=bounds, steps=steps, enough=enough)
     z, noise = objective.restore(best.x)
     return Fit(jax.tree.map(np.asarray, z), noise, np.asarray(best.more), best.loss)
+
+
+def best_starts(
+    effect: Law, problem: Problem, starts: Sequence[dict[str, Any]], parts: Sequence[Float[np.ndarray, " b"]]
+) -> list[dict[str, Any]]:
+    """Of each part of the blocks (1 in it, 0 not) the likeliest of `starts` there.
+
+    Laws have several basins; one look at each start costs less than a fit from each, and one look does for all parts:
+    levels are those of all blocks that are in any.
+    """
+    objective = Objective(effect, problem, np.max(parts, axis=0))
+    looks = [objective.gradient(objective.start(start))[1].blocks for start in starts]
+    of_blocks = np.stack([np.asarray(blocks, np.float64).sum(-1) for blocks in looks])
+    of_parts = np.stack([np.where(part > 0, of_blocks, 0).sum(-1) for part in parts])
+    return [starts[k] for k in np.where(np.isfinite(of_parts), of_parts, -np.inf).argmax(-1)]
 
 
 def fit_noise(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Fit:

@@ -18,7 +18,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, channels_of, fit, partway, score_at
+from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, best_starts, channels_of, fit, partway, score_at
 from jaxsim.discover.model.likelihood import rounded, rounding_gain
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.parameters import fitted_parameters
@@ -200,8 +200,9 @@ def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit
         step = steps.get(effect.name)
         at = None if step is None else ({next(iter(effect.parameters)): step},)
         starts = at or ({}, *effect.starts, *starts_read.get(effect.name, ()))
-        for fitted, base, start in zip(masks, null, problems, strict=True):
-            result = fit(effect, start, fitted, starts=starts, fixed=at is not None)
+        begin = best_starts(effect, problem, starts, masks) if len(starts) > 1 else [*starts] * len(masks)
+        for fitted, base, start, begun_at in zip(masks, null, problems, begin, strict=True):
+            result = fit(effect, start, fitted, starts=(begun_at,), fixed=at is not None)
             gained = np.zeros((len(scene), 3))
             gained[:, used] = (result.score - base.score)[:, used]
             if step is not None:
