@@ -185,7 +185,7 @@ def fit(
     """
     objective = Objective(effect, problem, fitted)
     tried = ({}, *effect.starts) if starts is None else starts
-    begin = objective.start(tried[0] if len(tried) == 1 else best_starts(effect, problem, tried, [fitted])[0])
+    begin = objective.start(tried[0] if len(tried) == 1 else best_starts(effect, problem, tried, fitted[None])[0])
     bounds = objective.bounds
     if fixed:
         bounds = [*[(v, v) for v in begin[: objective.own]], *bounds[objective.own :]]
@@ -195,17 +195,17 @@ def fit(
 
 
 def best_starts(
-    effect: Law, problem: Problem, starts: Sequence[dict[str, Any]], parts: Sequence[Float[np.ndarray, " b"]]
+    effect: Law, problem: Problem, starts: Sequence[dict[str, Any]], parts: Float[np.ndarray, "k b"]
 ) -> list[dict[str, Any]]:
     """Of each part of the blocks (1 in it, 0 not) the likeliest of `starts` there.
 
     Laws have several basins; one look at each start costs less than a fit from each, and one look does for all parts:
     levels are those of all blocks that are in any.
     """
-    objective = Objective(effect, problem, np.max(parts, axis=0))
+    objective = Objective(effect, problem, parts.max(0))
     looks = [objective.gradient(objective.start(start))[1].blocks for start in starts]
     of_blocks = np.stack([np.asarray(blocks, np.float64).sum(-1) for blocks in looks])
-    of_parts = np.stack([np.where(part > 0, of_blocks, 0).sum(-1) for part in parts])
+    of_parts = np.where(parts[:, None] > 0, of_blocks[None], 0).sum(-1)
     return [starts[k] for k in np.where(np.isfinite(of_parts), of_parts, -np.inf).argmax(-1)]
 
 
