@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: demo test test-slow check docs dist install
+.PHONY: demo test test-long test-slow check docs dist install
 .DEFAULT_GOAL := demo
 
 install: $(INSTALLED)
@@ -25,11 +25,17 @@ demo: $(INSTALLED)
 	@echo "  runs/demo/simulated/previews/*.png simulated intensity and clouds"
 	@echo "  runs/demo/simulated/clouds/        KITTI .bin, .pcd, .ply   (polar frames: simulated/polar/)"
 
+# Each test is in one of the first two, or slow; test-slow runs all.
+TESTS := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
 test: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
+	$(TESTS) -m "not long and not slow"
+
+test-long: $(INSTALLED)
+	$(TESTS) -m "long and not slow"
 
 test-slow: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(TESTS)
 
 check: $(INSTALLED)
 	$(BIN)/ruff format --check .

@@ -10,7 +10,7 @@ from tests.programs import DEVICES, QUICK, with_flags
 # A shell starts what runs in its background deaf to Ctrl-C, and so would be every program that a test interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
-os.environ["XLA_FLAGS"] = with_flags(os.environ.get("XLA_FLAGS", ""), f"{DEVICES}=2", QUICK)
+os.environ["XLA_FLAGS"] = with_flags(os.environ.get("XLA_FLAGS", ""), f"{DEVICES}=2", *QUICK)
 # Both workers, programs that tests start, and whatever comes after `few_programs` compile many of the same programs:
 # each is kept here once, from run to run too.
 os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(__file__).parents[1] / ".cache" / "tests")

@@ -21,8 +21,8 @@ TINY = [
     "--data.train=0-1", "--data.validation=2-2", *SMALL, "--optim.steps=2", "--optim.ema-start=1", "--run.name=tiny",
 ]  # fmt: skip
 """Flags of two steps of a training."""
-QUICK = "--xla_backend_optimization_level=1"
-"""What tests run is small: LLVM would work on it longer than it saves."""
+QUICK = ("--xla_backend_optimization_level=1", "--xla_cpu_use_fusion_emitters=false")
+"""What tests run is small: LLVM would work on it longer than it saves, on what the older emitters give it less long."""
 DEVICES = "--xla_force_host_platform_device_count"
 PATIENCE_S = 3600.0
 """The slowest program here takes two minutes on a quiet machine; a busy one may take thirty times as long."""
@@ -39,7 +39,7 @@ def environment(**variables: str) -> dict[str, str]:
     """On the CPU, one device, with all tests' compiled programs; jaxsim is this checkout's. All other flags of XLA are
     those of the tests' own process, so that a program's answers are, too, bit for bit."""
     given = [flag for flag in os.environ.get("XLA_FLAGS", "").split() if not flag.startswith(DEVICES)]
-    own = {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": with_flags(" ".join(given), QUICK), "PYTHONPATH": str(ROOT)}
+    own = {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": with_flags(" ".join(given), *QUICK), "PYTHONPATH": str(ROOT)}
     return {**os.environ, **own, **variables}
 
 

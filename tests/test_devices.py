@@ -19,6 +19,8 @@ from jaxsim import devices
 from jaxsim.devices import one_blas_thread
 from tests.programs import PATIENCE_S
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[1]
 STEPS = 4
 

@@ -40,6 +40,7 @@ def test_a_missing_need_is_an_error(monkeypatch):
         check_needs()
 
 
+@pytest.mark.long
 def test_the_sample_run_refuses_a_cloud_that_cannot_be(monkeypatch):
     class Blind:
         def simulate(self, **_):

@@ -128,6 +128,7 @@ def test_the_installed_package_is_tried_and_not_the_checkout(installed, work):
     assert "discover" in run(installed, work, "jaxsim", "--help")
 
 
+@pytest.mark.long
 def test_sparse_convolutions_are_compiled_where_there_is_a_compiler_and_work_without(installed, work):
     """Of what the wheel holds, in a process and a cache of its own."""
     code = "from jaxsim.native.build import form; print(form())"
@@ -137,6 +138,7 @@ def test_sparse_convolutions_are_compiled_where_there_is_a_compiler_and_work_wit
     assert without.startswith("XLA (no C++ compiler")
 
 
+@pytest.mark.long
 def test_the_readmes_lines_make_a_cloud_at_once(installed, work):
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert block

@@ -48,6 +48,7 @@ def test_onnx_gives_what_the_run_gives(folder, tmp_path, capsys):
     assert json.loads(session.get_modelmeta().custom_metadata_map["inputs"]) == told["inputs"]
 
 
+@pytest.mark.long
 def test_stablehlo_is_for_every_device_and_any_batch(folder, tmp_path):
     pytest.importorskip("flatbuffers")
     sensor = jaxsim.load(folder)

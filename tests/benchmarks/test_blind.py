@@ -15,6 +15,8 @@ from benchmarks.blind.rivals import RIVALS, best_covariate, judge_rival
 from benchmarks.blind.rows import append_row, check_settings, read_rows
 from benchmarks.blind.tables import closures, summary, wilson
 
+pytestmark = pytest.mark.long
+
 SMALL = Settings(scenes=12, rows=24, columns=192)
 CANDIDATES = ("beam_gain", "range_falloff", "random_dropout", "range_walk")
 SLICE = (

@@ -37,6 +37,7 @@ def runs(work) -> tuple[Path, ...]:
     )
 
 
+@pytest.mark.long
 def test_runs_come_into_one_table_with_pictures_and_a_page(runs, work, capsys):
     out = work / "out"
     ablation(Ablation(runs=runs, out=out, pictures=2))

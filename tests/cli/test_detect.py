@@ -34,6 +34,7 @@ def kitti(samples):
     return samples / "kitti_object" / "training"
 
 
+@pytest.mark.long
 def test_real_scans_give_result_files_and_pictures(run, kitti, tmp_path):
     clouds = tmp_path / "clouds"
     clouds.mkdir()

@@ -97,6 +97,7 @@ def jaxsim(*words: str | Path, work: Path, **more) -> subprocess.CompletedProces
     return subprocess.run(command, cwd=work, capture_output=True, text=True, **more)
 
 
+@pytest.mark.long
 def test_a_place_that_cannot_be_written_to_is_told_before_any_work(tmp_path):
     (tmp_path / "file").write_text("")
     folders = ["--measured", tmp_path / "no", "--simulated", tmp_path / "no"]
@@ -122,6 +123,7 @@ main(["simulate", "embedded", "--data.kind", "synthetic", "--frames", "0", "--ou
 """
 
 
+@pytest.mark.long
 def test_a_user_without_a_name_or_a_home_can_work(tmp_path):
     """As containers have them: `docker run --user 12345`."""
     unset = ("HOME", "XDG_CACHE_HOME", "JAX_COMPILATION_CACHE_DIR", "USER", "LOGNAME", "LNAME", "USERNAME")

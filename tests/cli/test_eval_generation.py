@@ -1,10 +1,13 @@
 """`jaxsim eval generation`."""
 
 import numpy as np
+import pytest
 
 from jaxsim.cli import main
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
+
+pytestmark = pytest.mark.long
 
 
 def test_two_folders_are_compared_and_written(tmp_path, capsys):

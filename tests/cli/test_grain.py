@@ -15,6 +15,8 @@ from jaxsim.train.experiments import load_experiment
 from tests.programs import SMALL
 from tests.untrained import untrained_run
 
+pytestmark = pytest.mark.long
+
 UNET = [
     "--generator.form=unet", "--generator.filters=2", "--generator.downsamples=0", "--generator.enhancers=0",
     "--loss.gan=0", "--loss.feature-matching=0", "--loss.reconstruction=1",

@@ -9,6 +9,7 @@ from tests.effects.own import forgetful, write  # noqa: F401  (a fixture)
 pytestmark = pytest.mark.usefixtures("forgetful")
 
 
+@pytest.mark.long
 def test_the_file_that_new_writes_passes_check_and_is_listed(tmp_path, capsys):
     path = tmp_path / "rain_on_lens.py"
     main(["effects", "new", "rain_on_lens", "--out", str(path)])

@@ -40,6 +40,7 @@ def drives(raw_root) -> Path:
     return raw_root
 
 
+@pytest.mark.long
 def test_a_killed_command_leaves_no_process_behind_and_goes_on_to_the_same_bytes(drives, tmp_path):
     out = tmp_path / "out"
     command = ["-m", "jaxsim", "prepare", "kitti_raw", "--root", drives, "--out", out, *FLAGS]
@@ -149,6 +150,7 @@ def test_beam_that_is_not_installed_says_how_to_install_it(raw_root, tmp_path, m
     assert "pip install 'jaxsim-lidar[beam]'" in str(stop.value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("flags", "said"),
     [

@@ -33,6 +33,7 @@ folder.mkdir(parents=True)
 """
 
 
+@pytest.mark.long
 def test_training_is_left_to_a_process_of_its_own_and_is_not_repeated(loop, tmp_path, capfd):
     stop, script = tmp_path / "stop", tmp_path / "train.py"
     stop.write_text("stop")

@@ -25,6 +25,8 @@ from jaxsim.train.experiments import load_experiment
 from tests.report import results
 from tests.untrained import untrained_run
 
+pytestmark = pytest.mark.long
+
 FRAMES = "0,4,8"
 """Of three streets."""
 PLAIN = vars(Discover(out=Path("out"), unpaired=True))

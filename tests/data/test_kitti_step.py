@@ -28,6 +28,7 @@ def test_the_published_lengths_add_up_to_the_papers_two_parts():
     assert sorted(NO_SCAN) == [("0001", f"{n:06d}") for n in (177, 178, 179, 180)]
 
 
+@pytest.mark.long
 def test_the_generated_files_have_the_published_format(step_tree):
     scan = np.fromfile(step_tree / "training/velodyne/0000/000000.bin", "<f4").reshape(-1, 4)
     assert 80_000 < len(scan) < 130_000
@@ -58,6 +59,7 @@ def test_the_generated_files_have_the_published_format(step_tree):
         assert np.cos(alpha - yaw + np.arctan2(x, z)) > 1 - 1e-9
 
 
+@pytest.mark.long
 def test_frames_are_what_was_rendered(dataset, street):
     assert [dataset.name_of(i) for i in range(len(dataset))] == ["0000-000000", "0001-000176"]
     for i, rendered in enumerate(street):

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from jaxsim.data import KittiObject
 from jaxsim.studies.real2sim2real import claim_loop
@@ -11,6 +12,7 @@ from jaxsim.studies.real2sim2real.stages import Stages, check_sources
 from jaxsim.train.experiments import load_loop
 
 
+@pytest.mark.long
 def test_trees_of_virtual_kitti_are_made_and_compared_with_kitti_before_any_training(virtual, object_root, tmp_path):
     config, _ = load_loop("real2sim2real_kitti")
     real = replace(config.detector.data, root=object_root, train="0", validation="0", cache=tmp_path / "cache")

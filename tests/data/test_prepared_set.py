@@ -18,6 +18,7 @@ from jaxsim.runs.run import describe_run
 from tests.data.made_prepared_set import PREPARE, equal, kitti, of
 
 
+@pytest.mark.long
 def test_a_set_holds_the_pairs_that_its_frames_give_and_the_papers_parts(step_tree, tmp_path):
     data = DataConfig(kind="kitti_step", root=step_tree, scenes=("0000", "0001"), cache=tmp_path / "cache")
     settings = PrepareConfig(depth="ip_basic_fast", denoise="non_local_means")

@@ -52,6 +52,7 @@ def test_frames_lie_on_the_runs_window_with_the_renderers_depth_and_classes(out,
     assert set(np.unique(more["instance"])) > {0}
 
 
+@pytest.mark.long
 def test_without_projection_points_are_the_same_and_their_intensities_others(simulate, out, tmp_path):
     name = "Scene01-clone-Camera_0-00000"
     plain, _ = read_frame(out / "polar", name)

@@ -145,6 +145,7 @@ def test_anchors_follow_one_another_by_row_column_heading():
             np.testing.assert_allclose(values[sample, anchor], wanted if width > 1 else wanted[0], rtol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("float32")
 def test_the_second_stage_scores_and_encodes_what_it_pooled_of_each_proposal():
     """Grid points slowest, then the strides, then a stride's channels; the pools have a test of their own."""

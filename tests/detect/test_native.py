@@ -207,6 +207,7 @@ def test_float64_keeps_xlas_form(float64):
     assert "jaxsim_" not in text
 
 
+@pytest.mark.long
 def test_a_wrong_answer_is_found(monkeypatch, tmp_path):
     """A copy of the sources with a fault in each function is not taken for the form that it should be."""
     faults = {

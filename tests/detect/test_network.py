@@ -85,6 +85,7 @@ def test_a_batch_with_an_empty_cloud_and_without_objects_stays_finite(state, tra
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(after))
 
 
+@pytest.mark.long
 def test_a_sample_is_judged_alike_in_any_batch_and_an_empty_cloud_gives_finite_boxes(state, detect):
     batch = scene_batch([2, 3])
     together, dropped = detect(state.network, batch["points"], batch["valid"])
@@ -102,6 +103,7 @@ class Seen(Exception):
     """What the first convolution is given."""
 
 
+@pytest.mark.long
 def test_intensity_counts_as_so_many_metres(monkeypatch):
     def look(self, sites, features, capacities, *, train):
         raise Seen(np.asarray(features), np.asarray(sites.valid))

@@ -28,6 +28,7 @@ def fitted(effect: str, scan, measured):
     return problem, fit(EFFECTS[effect], problem, everyone, steps=80)
 
 
+@pytest.mark.long
 def test_beams_gains_lie_in_their_intervals():
     spread, inside = 0.2, []
     for seed in range(4, 8):

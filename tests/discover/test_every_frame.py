@@ -18,6 +18,8 @@ from jaxsim.effects import get_effect
 from jaxsim.frame import PolarImage
 from tests.discover.toy import toy
 
+pytestmark = pytest.mark.long
+
 FRAMES, READ, ODD = 16, 10, 11
 """Frames in the folders, those that fit, and the one whose beams are dark."""
 

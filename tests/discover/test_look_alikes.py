@@ -21,7 +21,7 @@ from tests.discover.toy import device, toy
 from tests.effects.own import forgetful  # noqa: F401  (a fixture)
 from tests.report import results
 
-pytestmark = pytest.mark.usefixtures("forgetful", "standard_promotion")
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("forgetful", "standard_promotion")]
 AMOUNT = 0.25
 ORIGIN = Origin(file="lobes.py", sha256="12ab")
 

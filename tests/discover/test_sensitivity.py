@@ -33,6 +33,7 @@ def problem() -> Problem:
     return judged_toy()[0]
 
 
+@pytest.mark.long
 def test_a_turn_of_all_frames_gains_what_their_poses_would_have_to_pay(problem):
     """Each frame's own pose could take it all up: then what is left is the price of the prior, half a square."""
     turn = 0.0005

@@ -14,6 +14,8 @@ from jaxsim.effects.region import Region
 from tests.discover.toy import toy
 from tests.report.made_regimes import regime
 
+pytestmark = pytest.mark.long
+
 FRAMES = 12
 
 

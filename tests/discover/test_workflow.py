@@ -22,6 +22,8 @@ from jaxsim.effects import EFFECTS, scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarImage
 
+pytestmark = pytest.mark.long
+
 FEW = ("beam_gain", "range_falloff", "incidence_cosine", "random_dropout", "beam_range_bias", "extrinsic_rotation")
 """Candidates of the small form; the slow one takes the whole catalogue."""
 NULLS = 2

@@ -86,6 +86,7 @@ def test_its_apply_must_be_right(tmp_path, law, words):
         known_effects([write(tmp_path, law=law)])
 
 
+@pytest.mark.long
 def test_an_effect_that_turns_rays_passes_with_casts(tmp_path):
     law = "displace(rays, turn_rad=(p['share'] * jnp.ones_like(rays.range_m), jnp.zeros_like(rays.range_m)))"
     path = write(

@@ -18,6 +18,7 @@ def errors():
     return {name: total_scores(frames)["mae"].value for name, frames in sums.items()}, sums
 
 
+@pytest.mark.long
 def test_what_sees_more_errs_less(errors):
     of, _ = errors
     assert of["per-row median"] < of["global median"]

@@ -103,6 +103,7 @@ class TwoFrames:
         return replace(frame, boxes=None) if i else frame
 
 
+@pytest.mark.long
 def test_frames_without_labels_are_left_out_and_told(tmp_path, capsys):
     experiment = replace(EXPERIMENT, data=DataConfig(cache=tmp_path))
     assert len(experiment_scenes(TwoFrames(), [0, 1], experiment)) == 1

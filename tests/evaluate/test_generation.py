@@ -56,6 +56,7 @@ def test_classes_of_the_simulated_twin_stand_for_those_that_measured_frames_lack
     assert "chamfer_distance_m" not in scores
 
 
+@pytest.mark.long
 def test_clouds_have_the_distances_that_clouds_allow(tmp_path):
     rng = np.random.default_rng(3)
     for side in "ab":
@@ -72,6 +73,7 @@ def test_clouds_have_the_distances_that_clouds_allow(tmp_path):
     assert not any(name.startswith(("swd", "intensity")) for name in scores)
 
 
+@pytest.mark.long
 def test_what_adds_up_is_of_all_frames_and_what_is_compared_of_some_evenly_spaced(tmp_path):
     a = open_folder(write_polar(tmp_path / "a", 0, names="abcdefghi"))
     b = open_folder(write_polar(tmp_path / "b", 1, names="abcdefghi"))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from jaxsim.data.polar_frames import PolarFrames
 from jaxsim.evaluate import generation
@@ -40,6 +41,7 @@ def folder(count, first=0):
     return Folder(Path(f"frames{count}"), names, Counted(Path("nowhere"), GRID, {}, names))
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_number_of_frames(monkeypatch):
     monkeypatch.setattr(generation, "POINTS", ROWS * COLUMNS)
     monkeypatch.setattr(generation, "COUNTS", {"r2dm": generation.COUNTS["r2dm"]})  # the other's images are large

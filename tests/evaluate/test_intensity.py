@@ -33,6 +33,7 @@ def pairs(tmp_path_factory):
     return prepared(open_dataset(data), range(6), data, prepare=PREPARE)
 
 
+@pytest.mark.long
 def test_every_judged_frame_counts_once_and_the_measured_side_is_kept(pairs, tmp_path):
     extractor = Means("torchvision", {}, "ab" * 32, published=False, random=True, width=4)
     score = frechet_of_run(generate, jnp.float32(0.5), pairs, extractor=extractor, prepare=PREPARE, cache=tmp_path)
@@ -60,6 +61,7 @@ def test_every_judged_frame_counts_once_and_the_measured_side_is_kept(pairs, tmp
     assert "6 predicted and 6 measured images, 4 features; from half the images" in frechet_line(score)
 
 
+@pytest.mark.long
 def test_drives_of_several_calibrations_are_taken_window_by_window(pairs):
     _, measured = make_images(generate, PREPARE)
     whole = [pairs[i] for i in range(3)]

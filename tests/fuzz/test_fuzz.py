@@ -19,6 +19,7 @@ from tests.fuzz.worker import attack, prepare, table
 SLICE = 152
 
 
+@pytest.mark.long
 def test_no_reader_takes_damage_without_a_word_or_answers_in_a_foreign_one(capsys):
     assert main([str(SLICE), "26", "--workers", "1"]) == 0, capsys.readouterr().out
     assert f"{SLICE} mutations: same" in capsys.readouterr().out

@@ -27,6 +27,7 @@ def test_histograms_equal_the_published_ones(published):
     assert (~agree).sum() <= 4
 
 
+@pytest.mark.long
 def test_jsd_and_mmd_equal_the_published_values(published):
     arrays, values = published
     for name, tolerance in (("lidargen", 2e-4), ("r2dm", 1e-5)):
@@ -56,6 +57,7 @@ def test_jsd_equals_scipy_s():
         jensen_shannon(p, 0 * q)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("definition", "order"), [("lidargen", 2), ("r2dm", "fro")])
 def test_mmd_equals_the_kernel_written_out(definition, order):
     a, b = (histograms("r2dm", clouds(seed, n, 900)).astype(np.float64) for seed, n in ((3, 4), (4, 3)))
@@ -70,6 +72,7 @@ def test_mmd_equals_the_kernel_written_out(definition, order):
         mmd(a, b, definition="ultralidar")
 
 
+@pytest.mark.long
 def test_spectral_distances_are_those_of_all_singular_values():
     """Also where two directions are as long as each other, where none is, and within one set."""
     rng = np.random.default_rng(5)

@@ -41,6 +41,7 @@ def direct(x: np.ndarray, y: np.ndarray) -> float:
     return float(step @ step + np.trace(a) + np.trace(b) - 2 * np.trace(root).real)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", CASES)
 def test_distances_equal_the_golden_ones(case, golden):
     with np.load(golden / "inception_fid" / "frechet.npz") as archive:

@@ -45,11 +45,13 @@ def passes(networks, experiment, labels_and_image):
     return run(*networks, inputs, real) | {"real": real}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["fake_train_first", "fake_train_second", "fake_eval"])
 def test_generated_images_equal_the_published_ones(passes, published, name):
     agrees(channels_first(passes[name]), published("forward")[name])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", ["after.G", "after.D", "eval.G"])
 def test_singular_vectors_advance_as_published(passes, published, stage):
     """One power iteration for each pass in training mode, none in eval mode."""

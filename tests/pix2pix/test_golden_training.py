@@ -10,6 +10,8 @@ import pytest
 from jaxsim.pix2pix.published import to_published
 from jaxsim.pix2pix.steps import Network, TrainState, make_train_step, optimiser
 
+pytestmark = pytest.mark.long
+
 
 def moved_by_noise(name: str, arrays) -> bool:
     """Shifts that an instance norm takes away again: their true gradient is 0, and Adam steps on rounding noise.

@@ -116,6 +116,7 @@ def test_discriminator_layers_are_the_published_ones():
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("enhancers", [0, 1, 2])
 def test_image_has_the_size_of_the_inputs(enhancers):
     config = GeneratorConfig(filters=8, downsamples=1, blocks=1, enhancers=enhancers, enhancer_blocks=1, out_channels=2)

@@ -181,6 +181,7 @@ def compiled(experiment, count):
     return make_train_step(experiment, CHANNELS, mesh=devices.data_mesh(count))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.parametrize("start", STARTS)
 def test_a_step_follows_every_form_of_start_on_one_device_and_on_two(tmp_path, start, count):

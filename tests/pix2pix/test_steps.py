@@ -66,12 +66,14 @@ def equal(a, b) -> bool:
     return all(jax.tree.leaves(jax.tree.map(np.array_equal, a, b)))
 
 
+@pytest.mark.long
 def test_same_seed_gives_the_same_numbers_and_another_seed_others(steps, batch):
     first, again, other = (run(steps[GAN], GAN, batch, seed=seed)[-1] for seed in (0, 0, 1))
     assert equal(first, again)
     assert not equal(first[0].generator, other[0].generator)
 
 
+@pytest.mark.long
 def test_a_step_in_bfloat16_is_nearly_that_in_float32_and_keeps_float32_parameters(steps, batch):
     halved = replace(GAN, optim=replace(GAN.optim, precision="bfloat16"))
     step = make_train_step(halved, CHANNELS)
@@ -82,6 +84,7 @@ def test_a_step_in_bfloat16_is_nearly_that_in_float32_and_keeps_float32_paramete
     assert 0 < max(differences) < 0.05
 
 
+@pytest.mark.long
 def test_every_term_in_use_is_reported(steps, batch):
     _, metrics = run(steps[GAN], GAN, batch, count=1)[0]
     terms = {"gan", "feature_matching", "reconstruction", "generator", "discriminator"}
@@ -125,6 +128,7 @@ def test_a_value_that_is_not_finite_is_told(steps, batch):
     assert not run(steps[ERROR_ALONE], ERROR_ALONE, broken, count=1)[0][1]["finite"]
 
 
+@pytest.mark.long
 def test_both_networks_learn_from_the_same_image_and_each_other_as_they_were(batch):
     """NVIDIA/pix2pixHD's order: no update is seen before the next step."""
     together = replace(

@@ -40,6 +40,7 @@ def frame():
     return Frame(name="street-7", scene="street", camera=view, cloud=cloud)
 
 
+@pytest.mark.long
 def test_a_trained_penet_s_depth_is_what_is_painted(tmp_path):
     save_penet(tmp_path / "weights.npz", create_state(PenetConfig(width=2, start_m=10.0), seed=0).values)
     given = replace(CONFIG, image_crop=(64, 288), columns=88)

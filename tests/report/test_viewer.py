@@ -323,6 +323,7 @@ def test_a_thinned_cloud_says_so(chromium, report, tmp_path):
         assert tab.locator("#told").inner_text().endswith("one point in 3 is drawn.")
 
 
+@pytest.mark.long
 def test_names_from_data_cannot_become_code(chromium, tmp_path):
     bad = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
     result = results.with_frames()
@@ -334,5 +335,6 @@ def test_names_from_data_cannot_become_code(chromium, tmp_path):
         assert bad in tab.locator("#scene option").first.inner_text()
 
 
+@pytest.mark.long
 def test_the_scripts_name_nothing_of_elsewhere():
     assert "http" not in own_text("viewer.js") + own_text("cloud.js")

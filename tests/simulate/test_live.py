@@ -51,6 +51,7 @@ def returned(cloud):
     return points.reshape(-1, 4)[valid]
 
 
+@pytest.mark.long
 def test_attached_it_gives_the_clouds_of_the_sensor(sensor, view, live):
     arrays = {"rgb": view.rgb, "depth_m": view.depth_m, "semantic": view.semantic, "instance": view.instance}
     expected = returned(sensor.simulate(**arrays))
@@ -63,6 +64,7 @@ def test_attached_it_gives_the_clouds_of_the_sensor(sensor, view, live):
     assert (steps > 0.01).mean() < 1e-3
 
 
+@pytest.mark.long
 def test_a_batch_is_its_views(sensor, view, live):
     two = view.replace(**{k: np.stack([getattr(view, k)] * 2) for k in ("rgb", "depth_m", "depth_valid", "semantic")})
     two = two.replace(instance=np.stack([view.instance] * 2))
@@ -73,6 +75,7 @@ def test_a_batch_is_its_views(sensor, view, live):
         live(two)
 
 
+@pytest.mark.long
 def test_views_that_do_not_fit_are_told(sensor, view, live):
     with pytest.raises(ValueError, match="has no depth"):
         live(view.replace(depth_m=None))

@@ -14,6 +14,8 @@ from jaxsim.prepare.depth.penet import training
 from jaxsim.train import depth, train
 from tests.quick import quick_jit
 
+pytestmark = pytest.mark.long
+
 CROP = (32, 64)
 # Two stages of the same part: one program to compile, and the step from stage to stage all the same.
 EXPERIMENT = DepthExperiment(

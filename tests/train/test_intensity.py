@@ -16,6 +16,8 @@ from jaxsim.cli import main
 from jaxsim.data.polar_frames import read_frame, read_grid
 from tests.programs import ROOT, SMALL, running, said, wait_until
 
+pytestmark = pytest.mark.long
+
 TRAIN, EVAL = ROOT / "train.py", ROOT / "eval.py"
 TINY = [
     "--data.train=0-3", "--data.validation=4-5", *SMALL, "--optim.batch=2", "--optim.steps=6", "--optim.ema-start=2",

@@ -30,6 +30,7 @@ def test_the_joined_run_says_the_mean_of_what_each_says(runs, tmp_path):
     assert "- third" in (tmp_path / "joined" / "card.md").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*donated")
 def test_the_joined_run_trains_on_as_each_would_from_its_share_of_the_batch(runs, tmp_path):
     joined = join_runs(runs, tmp_path / "joined").experiment

@@ -185,7 +185,7 @@ def fit(
     """
     objective = Objective(effect, problem, fitted)
     tried = ({}, *effect.starts) if starts is None else starts
-    begin = objective.start(tried[0] if len(tried) == 1 else best_starts(effect, problem, tried, fitted[None])[0])
+    begin = objective.start(tried[0] if len(tried) == 1 else best_starts(effect, problem, tried, parts=fitted[None])[0])
     bounds = objective.bounds
     if fixed:
         bounds = [*[(v, v) for v in begin[: objective.own]], *bounds[objective.own :]]
@@ -195,7 +195,7 @@ def fit(
 
 
 def best_starts(
-    effect: Law, problem: Problem, starts: Sequence[dict[str, Any]], parts: Float[np.ndarray, "k b"]
+    effect: Law, problem: Problem, starts: Sequence[dict[str, Any]], *, parts: Float[np.ndarray, "k b"]
 ) -> list[dict[str, Any]]:
     """Of each part of the blocks (1 in it, 0 not) the likeliest of `starts` there.
 

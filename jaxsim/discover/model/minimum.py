@@ -87,7 +87,10 @@ class _Search:
     """What SciPy asks, in scaled entries, and the lowest point that it was told of."""
 
     def __init__(self, objective: Objective, start: Point, *, scale: Float[np.ndarray, " n"], enough: float) -> None:
-        self.objective, self.lowest, self.scale, self.enough = objective, start, scale, enough
+        self.objective = objective
+        self.lowest = start
+        self.scale = scale
+        self.enough = enough
         self.failed = 0
         self.begun = False
 

@@ -49,6 +49,7 @@ def test_each_material_has_a_class_of_its_own():
     assert [LABEL_CLASSES[number] for number in classes_of(scan)[0]] == list(kinds)
 
 
+@pytest.mark.long
 def test_classes_of_material_lie_on_what_they_are_part_of(world):
     truth = world.truth(4)
     label = classes_of(truth.scan)

@@ -14,6 +14,7 @@ def test_streets_fit_into_the_room_for_solids(streets) -> None:
     assert (counts.max(axis=0) < 0.9 * np.array(CAPACITY)).all()
 
 
+@pytest.mark.long
 def test_less_parks_and_more_drives_in_the_suburb() -> None:
     """Numbers in 20 streets; parked cars stand still."""
     things = {name: [t for d in range(20) for t in lay_out(3, d, name).things if t.kind] for name in STATISTICS}

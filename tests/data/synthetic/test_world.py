@@ -29,6 +29,7 @@ def truths(world: SyntheticWorld) -> list[Truth]:
     return [world.truth(i) for i in (0, 4, BUSY, 9, 13)]
 
 
+@pytest.mark.long
 def test_a_frame_depends_on_seed_and_number_alone(world: SyntheticWorld, frames: list[Frame]) -> None:
     again = SyntheticWorld(seed=1, columns=COLUMNS, image_size=SIZE)[BUSY]
     first = frames[2]
@@ -45,6 +46,7 @@ def test_a_frame_depends_on_seed_and_number_alone(world: SyntheticWorld, frames:
     assert np.mean(other_world.camera.rgb != first.camera.rgb) > 0.5
 
 
+@pytest.mark.long
 def test_a_drive_is_one_street_that_the_car_passes_through(world: SyntheticWorld) -> None:
     here, next_, elsewhere = world[4], world[5], world[8]
     assert here.scene == next_.scene != elsewhere.scene
@@ -226,6 +228,7 @@ def test_colour_tells_part_of_the_reflectance(world: SyntheticWorld, frames: lis
         assert 0.25 < together < 0.95, kind
 
 
+@pytest.mark.long
 def test_another_sensor_sees_the_same_world() -> None:
     world = SyntheticWorld(seed=1, spec=preset("vlp16"), columns=300, image_size=SIZE)
     truth = world.truth(BUSY)

@@ -23,6 +23,7 @@ def problem(standard_promotion):
     return fit_null(scan, ev, EVERYONE)[0]
 
 
+@pytest.mark.long
 def test_the_gradient_is_that_of_finite_differences(problem):
     objective = Objective(EFFECTS["range_scale"], problem, EVERYONE)
     x, step = objective.first + 0.1, 0.02
@@ -34,6 +35,7 @@ def test_the_gradient_is_that_of_finite_differences(problem):
     np.testing.assert_allclose(objective(x).gradient, slopes, rtol=0.03, atol=0.3)
 
 
+@pytest.mark.long
 def test_the_way_to_a_fit_begins_at_the_null_and_ends_at_the_fit(problem):
     effect = EFFECTS["range_scale"]
     end = fit(effect, problem, EVERYONE)

@@ -28,6 +28,7 @@ def street(standard_promotion):
     return scan, jax.jit(all_rays)(scan)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*GEOMETRY, "beam_gain"])
 def test_rays_and_slopes_are_the_effects_own(name, street):
     scan, rays = street

@@ -118,6 +118,7 @@ def share(effect, z, place=()) -> float:
     return float(np.asarray(to_values(effect, z)["probability"])[place])
 
 
+@pytest.mark.long
 def test_what_the_first_took_up_goes_to_the_second(lossy):
     alone = fit(RANDOM, lossy, EVERYONE)
     assert share(RANDOM, alone.z) > LOST + 0.05
@@ -131,6 +132,7 @@ def test_what_the_first_took_up_goes_to_the_second(lossy):
     np.testing.assert_array_equal(by_class.problem.ev.rays.log_keep, beside.ev.rays.log_keep)
 
 
+@pytest.mark.long
 def test_beside_the_others_an_effect_is_looked_for_at_its_own_starts_too():
     """A gate that was left open has no slope towards where it is."""
     nearest_m = 6.0

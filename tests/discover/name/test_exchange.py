@@ -15,6 +15,8 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarImage
 from tests.discover.noisy_street import disturbed, grid, street
 
+pytestmark = pytest.mark.long
+
 FRAMES = 12
 NOISE = {"share": 0.06, "constant": 0.004, "range_m": 0.015, "loss": 0.01}
 NEAR_M = 4.0

@@ -46,6 +46,7 @@ def of_rows(problem):
     return rows.std(), left[on].std()
 
 
+@pytest.mark.long
 def test_a_seed_gives_one_draw(problem):
     first, again, other = (bootstrap(problem, problem, seed) for seed in (1, 1, 2))
     for one, same in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
@@ -53,6 +54,7 @@ def test_a_seed_gives_one_draw(problem):
     assert (np.asarray(first.range_m) != np.asarray(other.range_m)).mean() > 0.9
 
 
+@pytest.mark.long
 def test_a_draw_has_the_losses_gain_and_noise_of_the_data(problem):
     ev, drawn = problem.ev, bootstrap(problem, problem, 3)
     hit = np.asarray(ev.rays.hit)

@@ -18,7 +18,7 @@ from jaxsim.effects import EFFECTS
 from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
 from tests.discover.toy import device, toy
 
-pytestmark = pytest.mark.usefixtures("standard_promotion")
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
 GAIN = EFFECTS["beam_gain"]
 EVERYONE = np.ones(FRAMES, np.float32)
 

@@ -11,6 +11,8 @@ from jaxsim.discover import discover_folders
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report import write_report
 
+pytestmark = pytest.mark.long
+
 SMALL = {"rows": 24, "columns": 192, "nuisance": "exact"}
 
 

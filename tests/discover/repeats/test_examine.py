@@ -19,7 +19,7 @@ from jaxsim.effects.own import known_effects
 from jaxsim.effects.region import Region
 from tests.effects.own import forgetful  # noqa: F401  (a fixture)
 
-pytestmark = pytest.mark.usefixtures("standard_promotion")
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
 FEW = ("range_scale",)
 """A candidate that has nothing to do with it, so that naming takes seconds."""
 ROWS, COLUMNS, PERIODS, SHARE = 24, 192, 16, 0.2

@@ -11,6 +11,8 @@ from jaxsim.discover.unpaired.refine import JointFit, refine
 from jaxsim.discover.unpaired.workflow import divide
 from tests.discover.unpaired.made import RAYS, SMALL
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def dirty(tmp_path_factory, standard_promotion):

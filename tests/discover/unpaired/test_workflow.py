@@ -17,6 +17,8 @@ from jaxsim.discover.unpaired.workflow import divide, why_not_unpaired
 from jaxsim.effects.chain import SensorModel
 from tests.discover.unpaired.made import RAYS, SMALL, candidate
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def gains(tmp_path_factory, standard_promotion):

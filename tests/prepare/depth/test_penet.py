@@ -28,6 +28,7 @@ def optax_promotes():
         yield
 
 
+@pytest.mark.long
 def test_trained_weights_complete_a_view(tmp_path):
     state = create_state(CONFIG, seed=1)
     save_penet(tmp_path / "weights.npz", jax.tree.map(np.asarray, state.values))

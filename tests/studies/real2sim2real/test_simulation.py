@@ -17,6 +17,7 @@ def loop(tmp_path):
     return claim_loop(tiny_loop(tmp_path / "loop"))
 
 
+@pytest.mark.long
 def test_the_sensor_is_held_against_frames_that_it_did_not_learn_from(loop, monkeypatch):
     untrained_run(loop.sensor, loop.intensity_experiment())
     compared = {}

@@ -55,6 +55,7 @@ def test_images_of_another_sensor_are_not_judged(folder, tmp_path):
         run_segmentation(SegmentationConfig(root=folder, judged=other, out=tmp_path / "out"))
 
 
+@pytest.mark.long
 def test_the_embedded_world_is_rendered_once_and_its_town_judged(tmp_path, monkeypatch):
     """One street of each place and a network of a few weights: what is shown is the way, not the worth."""
     small = GeneratorConfig(form="unet", filters=2, downsamples=1, blocks=0, enhancers=0)

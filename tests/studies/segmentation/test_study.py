@@ -15,6 +15,7 @@ def of(study, kind):
     return class_iou(np.array(json.loads(study.path(kind, 0, 0).read_text())["confusion"]))
 
 
+@pytest.mark.long
 def test_measured_intensity_tells_what_shape_does_not(study):
     assert of(study, "measured").min() > 0.9
     assert np.nanmean(of(study, "none")) < 0.7

@@ -18,6 +18,8 @@ from jaxsim.prepare.denoise.lidia import (
 )
 from tests.prepare.lidia_oracle import random_state
 
+pytestmark = pytest.mark.long
+
 HEAD = "separable_fc_net.sep_part2.ver_hor_out"
 EPOCHS = 24
 ONE_EPOCH = adapt.Adaptation(noise=0.1, epochs=1, block=16, stride=16, batch=2)

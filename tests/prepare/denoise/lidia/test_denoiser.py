@@ -109,6 +109,7 @@ def test_the_search_finds_the_published_distances(vectors, neighbours):
         np.testing.assert_allclose(np.asarray(ours.distance).T[::97], neighbours[theirs], rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_colour_network_equals_the_oracle():
     variant = Variant(colour=True)
     arrays = random_state(published_shapes(variant), seed=3)
@@ -133,6 +134,7 @@ def test_the_oracle_s_neighbours_are_ours(channels, p):
     assert len(near) == shape[0] * shape[1]
 
 
+@pytest.mark.long
 def test_chunks_are_a_matter_of_memory_alone_where_statistics_are_stored():
     variant = Variant(small=True)
     _, values = from_published(random_state(published_shapes(variant), seed=8))
