@@ -11,6 +11,8 @@ from jaxsim.cli.ablation import Ablation, ablation
 from jaxsim.train.experiments import load_experiment
 from tests.untrained import untrained_run
 
+pytestmark = pytest.mark.long
+
 INPUTS = (("depth", "row"), ("semantic", "row", "rgb", "edges", "depth"))
 
 
@@ -37,7 +39,6 @@ def runs(work) -> tuple[Path, ...]:
     )
 
 
-@pytest.mark.long
 def test_runs_come_into_one_table_with_pictures_and_a_page(runs, work, capsys):
     out = work / "out"
     ablation(Ablation(runs=runs, out=out, pictures=2))

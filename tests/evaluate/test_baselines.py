@@ -8,6 +8,8 @@ from jaxsim.evaluate.intensity import baseline_sums
 from jaxsim.metrics.paired import group_medians, total_scores
 from tests.evaluate.made import SHAPE, street
 
+pytestmark = pytest.mark.long
+
 TRAIN = [street(seed) for seed in range(6)]
 JUDGED = [street(seed) for seed in range(10, 14)]
 
@@ -18,7 +20,6 @@ def errors():
     return {name: total_scores(frames)["mae"].value for name, frames in sums.items()}, sums
 
 
-@pytest.mark.long
 def test_what_sees_more_errs_less(errors):
     of, _ = errors
     assert of["per-row median"] < of["global median"]

@@ -21,6 +21,8 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from tests.discover.toy import toy
 
+pytestmark = pytest.mark.long
+
 FRAMES = 12
 SIZE = 0.15
 
@@ -55,7 +57,6 @@ def added(null, form) -> Added:
     return add_effects(null, [], known=NOTHING_YET, form=form)
 
 
-@pytest.mark.long
 def test_the_law_is_what_was_hidden_within_its_band(added):
     law = added.learned.learned
     assert (law.channel, law.kind, law.covariates) == ("intensity", "periodic", ("azimuth",))

@@ -21,6 +21,8 @@ from tests.discover.name.made import candidate
 from tests.discover.name.made import problem as bare_problem
 from tests.discover.toy import device, toy
 
+pytestmark = pytest.mark.long
+
 FRAMES, COLUMNS = 8, 60
 ALL_BLOCKS = np.ones(FRAMES, np.float32)
 SCENES = 11
@@ -46,7 +48,6 @@ def of_rows(problem):
     return rows.std(), left[on].std()
 
 
-@pytest.mark.long
 def test_a_seed_gives_one_draw(problem):
     first, again, other = (bootstrap(problem, problem, seed) for seed in (1, 1, 2))
     for one, same in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
@@ -54,7 +55,6 @@ def test_a_seed_gives_one_draw(problem):
     assert (np.asarray(first.range_m) != np.asarray(other.range_m)).mean() > 0.9
 
 
-@pytest.mark.long
 def test_a_draw_has_the_losses_gain_and_noise_of_the_data(problem):
     ev, drawn = problem.ev, bootstrap(problem, problem, 3)
     hit = np.asarray(ev.rays.hit)
