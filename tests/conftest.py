@@ -65,8 +65,8 @@ DEAREST = (
     *("discover/test_every_frame.py", "pix2pix/test_golden_training.py", "discover/regimes/test_find.py"),
     *("cli/test_prepare.py", "discover/test_show.py", "discover/test_look_alikes.py", "cli/test_own_effects.py"),
 )
-"""Files of half a minute and more. They begin first (`make test` keeps this order), so that no worker waits at the end
-for another that has just begun with one."""
+"""Files of half a minute and more. They begin first (`make test` and `make test-long` keep this order), so that no
+worker waits at the end for another that has just begun with one."""
 STATE = Path("/proc/self")
 SAMPLES = Path(os.environ.get("JAXSIM_SAMPLE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

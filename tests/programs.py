@@ -22,7 +22,7 @@ TINY = [
 ]  # fmt: skip
 """Flags of two steps of a training."""
 QUICK = ("--xla_backend_optimization_level=1", "--xla_cpu_use_fusion_emitters=false")
-"""What tests run is small: LLVM would work on it longer than it saves, on what the older emitters give it less long."""
+"""What tests run is small: LLVM would work on it longer than it saves, and on what the newer emitters write longest."""
 DEVICES = "--xla_force_host_platform_device_count"
 PATIENCE_S = 3600.0
 """The slowest program here takes two minutes on a quiet machine; a busy one may take thirty times as long."""

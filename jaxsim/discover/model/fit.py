@@ -185,7 +185,8 @@ def fit(
     """
     objective = Objective(effect, problem, fitted)
     tried = ({}, *effect.starts) if starts is None else starts
-    begin = objective.start(tried[0] if len(tried) == 1 else best_starts(effect, problem, tried, parts=fitted[None])[0])
+    [start] = best_starts(effect, problem, tried, parts=fitted[None])
+    begin = objective.start(start)
     bounds = objective.bounds
     if fixed:
         bounds = [*[(v, v) for v in begin[: objective.own]], *bounds[objective.own :]]
@@ -202,6 +203,8 @@ def best_starts(
     Laws have several basins; one look at each start costs less than a fit from each, and one look does for all parts:
     levels are those of all blocks that are in any.
     """
+    if len(starts) == 1:
+        return [*starts] * len(parts)
     objective = Objective(effect, problem, parts.max(0))
     looks = [objective.gradient(objective.start(start))[1].blocks for start in starts]
     of_blocks = np.stack([np.asarray(blocks, np.float64).sum(-1) for blocks in looks])

@@ -38,11 +38,11 @@ class Point(NamedTuple):
     """Whatever else came out there."""
 
 
-Objective = Callable[[Float[np.ndarray, " n"]], Point]
+LossAt = Callable[[Float[np.ndarray, " n"]], Point]
 
 
 def minimum(
-    objective: Objective,
+    objective: LossAt,
     x: Float[np.ndarray, " n"],
     *,
     sd: Float[np.ndarray, " n"],
@@ -50,15 +50,21 @@ def minimum(
     steps: int,
     enough: float,
 ) -> Point:
-    """The lowest point found from `x`, within the bounds, in so many steps; done where one gains less than `enough`.
+    """The lowest point found from `x`, within the bounds; done where a step gains less than `enough`, or after so many
+    from where the search last began.
 
     `sd` are the entries' standard deviations by their prior: no entry is taken to be flatter than that.
     """
     low = np.array([-np.inf if low is None else low for low, _ in bounds])
     high = np.array([np.inf if high is None else high for _, high in bounds])
     start = objective(np.clip(x, low, high))
-    scale = _scale(objective, start, sd)
+    # A look beside the start tells the curvature: up and down in turn, so that what neighbours share cancels, but for
+    # entries that would leave their bounds.
+    step = LOOK * sd * np.where(np.arange(len(sd)) % 2, -1.0, 1.0)
+    outside = (start.x + step < low) | (start.x + step > high)
+    scale = _scale(objective, start, np.where(outside, -step, step), sd=sd)
     search = _Search(objective, start, scale=scale, enough=enough)
+    # SciPy asks for `enough` as a fraction of the loss.
     options = {"maxiter": steps, "ftol": enough / max(abs(start.loss), 1.0), "maxcor": CORRECTIONS}
     scaled = list(zip(low / scale, high / scale, strict=True))
     while True:
@@ -71,11 +77,11 @@ def minimum(
             return search.lowest
 
 
-def _scale(objective: Objective, start: Point, sd: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Units of the entries: one over the root of the curvature along each."""
-    # One look for all: up and down in turn, so that what neighbours share cancels.
-    step = LOOK * sd * np.where(np.arange(len(sd)) % 2, -1.0, 1.0)
-    curvature = np.abs(objective(start.x + step).gradient - start.gradient) / np.abs(step)
+def _scale(
+    objective: LossAt, start: Point, step: Float[np.ndarray, " n"], *, sd: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Units of the entries, of which one look, at `step` from the start, tells: one over the root of the curvature."""
+    curvature = np.abs((objective(start.x + step).gradient - start.gradient) / step)
     return 1 / np.sqrt(np.maximum(curvature, 1 / sd**2))
 
 
@@ -86,7 +92,7 @@ class _LeftError(Exception):
 class _Search:
     """What SciPy asks, in scaled entries, and the lowest point that it was told of."""
 
-    def __init__(self, objective: Objective, start: Point, *, scale: Float[np.ndarray, " n"], enough: float) -> None:
+    def __init__(self, objective: LossAt, start: Point, *, scale: Float[np.ndarray, " n"], enough: float) -> None:
         self.objective = objective
         self.lowest = start
         self.scale = scale

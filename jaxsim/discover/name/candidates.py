@@ -200,7 +200,7 @@ def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit
         step = steps.get(effect.name)
         at = None if step is None else ({next(iter(effect.parameters)): step},)
         starts = at or ({}, *effect.starts, *starts_read.get(effect.name, ()))
-        begin = best_starts(effect, problem, starts, parts=masks) if len(starts) > 1 else [*starts] * len(masks)
+        begin = best_starts(effect, problem, starts, parts=masks)
         for fitted, base, start, begun_at in zip(masks, null, problems, begin, strict=True):
             result = fit(effect, start, fitted, starts=(begun_at,), fixed=at is not None)
             gained = np.zeros((len(scene), 3))

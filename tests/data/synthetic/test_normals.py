@@ -27,7 +27,8 @@ def met():
 
 def test_normals_are_unit_vectors():
     _, hit, _ = met()
-    np.testing.assert_allclose(np.linalg.norm(hit["normal"], axis=0), 1, atol=1e-4)
+    # XLA's older emitters, with which tests compile, leave two rays of 32 768 1.2e-5 off; the newer ones none 2e-7.
+    np.testing.assert_allclose(np.linalg.norm(hit["normal"], axis=0), 1, atol=2.5e-5)
 
 
 def test_a_face_has_the_normal_of_its_plane_and_lies_in_it():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.model.evidence import gather
-from jaxsim.discover.model.fit import Objective, channels_of, fit, in_place, on_top, partway, score_at
+from jaxsim.discover.model.fit import Objective, best_starts, channels_of, fit, in_place, on_top, partway, score_at
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.effects import EFFECTS
@@ -51,6 +51,21 @@ def test_a_fixed_effect_stays_where_it_begins(problem):
     z = fit(effect, problem, EVERYONE, starts=(start,), fixed=True, steps=5).z
     for name, value in to_values(effect, z).items():
         assert value == pytest.approx(0.05, rel=1e-4), name
+
+
+def test_each_part_of_the_blocks_has_the_start_that_is_likeliest_there(problem):
+    effect = EFFECTS["range_scale"]
+    starts = ({"scale": 0.01}, {}, {"scale": -0.005})
+    parts = np.array([[1, 0, 0], [0, 1, 1], [1, 1, 1]], np.float32)
+    scores = np.stack(
+        [score_at(effect, problem, EVERYONE, z=to_z(effect, one, 16), noise=problem.noise).sum(-1) for one in starts]
+    )
+    expected = [starts[k] for k in (parts @ scores.T).argmax(-1)]
+    assert best_starts(effect, problem, starts, parts=parts) == expected == [{}, {}, {}]
+    assert best_starts(effect, problem, starts[::2], parts=parts) == [
+        starts[::2][k] for k in (parts @ scores[::2].T).argmax(-1)
+    ]
+    assert best_starts(effect, problem, starts[:1], parts=parts) == [starts[0]] * 3
 
 
 def test_channels_that_an_effect_leaves_alone_count_nothing(problem):
