@@ -43,7 +43,7 @@ from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment, Stage
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import write_text
-from jaxsim.report import write_report
+from jaxsim.report.discovery import write_report
 from jaxsim.train import load_experiment, train
 
 SMALL = {"scenes": 12, "rows": 24, "columns": 192, "seed": 4711}

@@ -18,8 +18,8 @@ from jaxsim.files import read_arrays
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.prepare import prepare_frame
-from jaxsim.report import beside, draw_above, draw_cloud, draw_on_image, pair_picture, save_picture, strip
-from jaxsim.report.pictures import colour_scalar, intensity_panel
+from jaxsim.report.boxes import draw_above, draw_on_image
+from jaxsim.report.pictures import beside, colour_scalar, draw_cloud, intensity_panel, pair_picture, save_picture, strip
 from jaxsim.simulate.predict import make_predict
 
 PICTURES = Path(__file__).parent / "pictures"

@@ -36,7 +36,7 @@ from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import EFFECTS
-from jaxsim.report import write_report
+from jaxsim.report.discovery import write_report
 from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.sensor import load
 

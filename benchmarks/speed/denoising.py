@@ -42,8 +42,7 @@ from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.classical import close_gaps, non_local_means
 from jaxsim.prepare.denoise.lidia import Lidia, open_lidia, save_lidia
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt, adapt_to_itself
-from jaxsim.report import beside, save_picture, strip
-from jaxsim.report.pictures import intensity_panel
+from jaxsim.report.pictures import beside, intensity_panel, save_picture, strip
 
 Method = Callable[[np.ndarray, np.ndarray], np.ndarray]
 HALF_VIEW_RAD, LINES, STEADY_M = np.deg2rad(33.3), slice(2, 46), 0.05

@@ -27,7 +27,7 @@ from jaxsim.metrics.depth import UNITS, benchmark_errors, depth_errors, depth_sc
 from jaxsim.prepare.depth import METHODS
 from jaxsim.prepare.depth.frames import depth_frame
 from jaxsim.prepare.depth.penet import open_penet
-from jaxsim.report import depth_picture, save_picture
+from jaxsim.report.pictures import depth_picture, save_picture
 
 CROP = (352, 1216)
 FORMS = {

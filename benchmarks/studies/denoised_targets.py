@@ -44,8 +44,7 @@ from jaxsim.pairs.prepared import pairs_folder, prepared
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia, save_lidia
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
-from jaxsim.report import save_picture, strip
-from jaxsim.report.pictures import intensity_panel
+from jaxsim.report.pictures import intensity_panel, save_picture, strip
 from jaxsim.report.results import markdown_table
 from jaxsim.simulate.frames import measured_in
 from jaxsim.simulate.predict import make_predict

@@ -31,8 +31,7 @@ from jaxsim.frame import Pair
 from jaxsim.metrics import paired_scores, paired_sums
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.pairs.prepared import prepared
-from jaxsim.report import save_picture, strip
-from jaxsim.report.pictures import intensity_panel
+from jaxsim.report.pictures import intensity_panel, save_picture, strip
 from jaxsim.report.results import markdown_table
 from jaxsim.train.experiments import load_experiment
 

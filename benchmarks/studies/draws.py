@@ -32,8 +32,7 @@ from jaxsim.files import files_in
 from jaxsim.frame import Pair, PolarImage
 from jaxsim.geometry import scan_on_window
 from jaxsim.pairs.prepared import prepared
-from jaxsim.report import save_picture, strip
-from jaxsim.report.pictures import intensity_panel
+from jaxsim.report.pictures import intensity_panel, save_picture, strip
 from jaxsim.report.results import markdown_table, write_results
 from jaxsim.simulate.grain import Grain, draw_ranks, read_grain
 from jaxsim.simulate.predict import Prediction, drawn, make_predict

@@ -40,10 +40,10 @@ from jaxsim.files import replacing
 from jaxsim.metrics.intervals import ratio_interval
 from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores
 from jaxsim.pairs.prepared import prepared
-from jaxsim.report import difference_table, pair_picture, save_picture, score_table
 from jaxsim.report.canvas import AFTER, FAINT, RULE, Canvas, save_figure
 from jaxsim.report.charts import label, ticks
-from jaxsim.report.results import markdown_table
+from jaxsim.report.pictures import pair_picture, save_picture
+from jaxsim.report.results import difference_table, markdown_table, score_table
 from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.predict import STEP, make_predict
 from jaxsim.train.experiments import load_experiment

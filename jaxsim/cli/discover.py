@@ -19,7 +19,8 @@ from jaxsim.discover.gate import quick_distances
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
-from jaxsim.report import verdict_sentence, write_answer
+from jaxsim.report.discovery import write_answer
+from jaxsim.report.words import verdict_sentence
 
 _log = logging.getLogger(__name__).info
 

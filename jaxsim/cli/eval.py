@@ -17,7 +17,8 @@ from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.runs import score_sensor
 from jaxsim.files import file_of
 from jaxsim.metrics.inception import open_extractor
-from jaxsim.report import pair_picture, save_picture, write_frechet, write_scores
+from jaxsim.report.pictures import pair_picture, save_picture
+from jaxsim.report.results import write_frechet, write_scores
 from jaxsim.runs.run import is_detector
 from jaxsim.simulate.sensor import load
 

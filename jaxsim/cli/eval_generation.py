@@ -8,7 +8,7 @@ from pathlib import Path
 from jaxsim.config.ranges import Checked, Count
 from jaxsim.evaluate.generation import COMPARED, generation_scores, open_folder
 from jaxsim.metrics.rangenet import load_rangenet
-from jaxsim.report import list_scores, write_list
+from jaxsim.report.results import list_scores, write_list
 
 
 @dataclass(frozen=True)

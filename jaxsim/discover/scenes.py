@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from jaxsim.discover.rules import RULES
 from jaxsim.metrics.intervals import half_width, jackknife_half_width, mean_interval, ratio_interval, student_reach
@@ -172,7 +172,7 @@ def difference_interval(
         return centre, centre
     # Degrees of freedom by Welch and Satterthwaite: near those of the group that scatters more.
     freedom = variance**2 / (variance_first**2 / (len(first) - 1) + variance_second**2 / (len(second) - 1))
-    half = float(student.ppf(0.5 + level / 2, freedom) * np.sqrt(variance))
+    half = float(stdtrit(freedom, 0.5 + level / 2) * np.sqrt(variance))
     return centre - half, centre + half
 
 

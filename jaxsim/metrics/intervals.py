@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 LEVEL = 0.90
 """Coverage of every interval."""
@@ -18,7 +18,7 @@ LEVEL = 0.90
 def student_reach(scenes: int | np.integer | Int[np.ndarray, "*k"]) -> float | Float[np.ndarray, "*k"]:
     """Standard errors to either side of a mean over so many scenes within which it lies at LEVEL."""
     # One scene has no scatter, and its callers say NaN; 1 keeps the quantile a number until then.
-    return student.ppf(0.5 + LEVEL / 2, np.maximum(np.subtract(scenes, 1), 1))
+    return stdtrit(np.maximum(np.subtract(scenes, 1), 1), 0.5 + LEVEL / 2)
 
 
 def half_width(values: Float[np.ndarray, "s *k"]) -> Float[np.ndarray, "*k"]:

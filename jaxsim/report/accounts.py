@@ -30,6 +30,7 @@ from jaxsim.frame import Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report.canvas import AFTER
 from jaxsim.report.charts import colour_limit, curve_chart, root_mean_square
+from jaxsim.report.numbers import number, percent, probability
 from jaxsim.report.page import (
     EMPTY,
     DrawChart,
@@ -49,7 +50,7 @@ from jaxsim.report.page import (
 )
 from jaxsim.report.regimes import picks_of, title
 from jaxsim.report.scenes import Channel, Side, TurnedScene, packed
-from jaxsim.report.words import AXES, SIGN_WORDS, Axis, number, percent, probability, span, title_of
+from jaxsim.report.words import AXES, SIGN_WORDS, Axis, span, title_of
 
 OUTSIDE = {
     **dict.fromkeys(("curve", "product"), "Outside its knots it holds its end values."),

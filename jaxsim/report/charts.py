@@ -12,7 +12,7 @@ from jaxtyping import Float
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid
 from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, ClickTarget, Length, Rgb
-from jaxsim.report.words import number
+from jaxsim.report.numbers import number
 
 Map = Float[np.ndarray, "r c"]
 _Line = Float[np.ndarray, " k"]

@@ -14,6 +14,7 @@ from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
 from jaxsim.report.charts import ticks, x_axis
 from jaxsim.report.evidence import curves, dependence_table, gap, levels, maps, moved, objects
 from jaxsim.report.named import named_effects, ranking_chart, repeats, unexplained
+from jaxsim.report.numbers import number
 from jaxsim.report.page import (
     EMPTY,
     DrawChart,
@@ -28,7 +29,7 @@ from jaxsim.report.page import (
     whole_page,
 )
 from jaxsim.report.regimes import regimes
-from jaxsim.report.words import number, verdict_sentence
+from jaxsim.report.words import verdict_sentence
 
 FIGURES = r"chance|(map|curve|parameter|unexplained|learned|regime)_.*"
 """Names of a report's figures."""

@@ -12,8 +12,9 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Fidelity, Gained, Gap, Interval, Level, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, draw_maps, root_mean_square
+from jaxsim.report.numbers import number, percent, probability
 from jaxsim.report.page import EMPTY, DrawChart, below, file_name, join_parts, key, paragraph, section, shows, table
-from jaxsim.report.words import AXES, SIGN_WORDS, Axis, nuisance, nuisance_title, number, percent, probability
+from jaxsim.report.words import AXES, SIGN_WORDS, Axis, nuisance, nuisance_title
 
 NO_CHANGE = 0.005
 """A change below this share of the distance is none that matters, however sure its sign."""

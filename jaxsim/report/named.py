@@ -12,6 +12,7 @@ from jaxsim.discover.verdict import Interval, Named, Rank, Repeat, Unexplained
 from jaxsim.effects import EFFECTS, Effect, Parameter
 from jaxsim.report.canvas import BEFORE
 from jaxsim.report.charts import curve_chart, interval_chart
+from jaxsim.report.numbers import number, probability
 from jaxsim.report.page import (
     EMPTY,
     DrawChart,
@@ -25,7 +26,7 @@ from jaxsim.report.page import (
     shows,
     table,
 )
-from jaxsim.report.words import AXES, SIGN_WORDS, Axis, dependence, number, probability, span, title_of
+from jaxsim.report.words import AXES, SIGN_WORDS, Axis, dependence, span, title_of
 
 
 def named_effects(effects: Sequence[Named], draw: DrawChart, *, shown: Sequence[tuple[str, str]] = ()) -> Markup:

@@ -14,8 +14,9 @@ from markupsafe import Markup
 from jaxsim.discover.verdict import JudgeFrame, Regime
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, ClickTarget
 from jaxsim.report.charts import Coordinate, label, ticks, x_axis
+from jaxsim.report.numbers import number, percent, probability
 from jaxsim.report.page import EMPTY, DrawChart, below, code, file_name, join_parts, key, paragraph, section, table
-from jaxsim.report.words import number, part_of, percent, probability, span
+from jaxsim.report.words import part_of, span
 
 LEFT = 72
 RIGHT = 706

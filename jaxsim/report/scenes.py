@@ -16,8 +16,8 @@ from markupsafe import Markup
 from jaxsim.detect.results import corners_of
 from jaxsim.files import write_text
 from jaxsim.report.boxes import FOUND, LABEL
+from jaxsim.report.numbers import number
 from jaxsim.report.page import EMPTY, explorer, paragraph, section, shows, table, whole_page
-from jaxsim.report.words import number
 
 MOST_BYTES = 3_500_000
 """Of all scenes of a page, as they are written: with its figures and tables it stays below four megabytes."""

@@ -1,4 +1,4 @@
-"""A verdict in words: the sentence that says it, and how its numbers and names are written."""
+"""A verdict in words: the sentence that says it, and how its names are written."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from jaxtyping import Float
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.verdict import Interval, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
+from jaxsim.report.numbers import Real, number, percent
 
 _Line = Float[np.ndarray, " k"]
-_Real = float | int
 
 
 class SignWords(NamedTuple):
@@ -84,16 +84,13 @@ NUISANCES = {
 """Meaning and unit of jaxsim.discover.model.noise.Noise: logarithms of scales, or log odds of rates (no unit)."""
 
 
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
 def nuisance_title(name: str) -> str:
     """What a nuisance is called; classes by Cityscapes' names, as targets are."""
     kind, _, of = name.partition(" ")
     return NAMES.get(int(of), name) if kind == "class" and of.isdecimal() else NUISANCES.get(name, (name, ""))[0]
 
 
-def nuisance(name: str, value: _Real) -> str:
+def nuisance(name: str, value: Real) -> str:
     """A noise scale with its unit, or a rate as a share."""
     if name not in NUISANCES:
         return number(value)
@@ -101,33 +98,9 @@ def nuisance(name: str, value: _Real) -> str:
     return f"{number(math.exp(value))} {unit}" if unit else f"{number(100 / (1 + math.exp(-value)))} %"
 
 
-def number(value: _Real | None) -> str:
-    """Three significant digits with a true minus sign, and a power of ten where it is tiny or huge; a dash where there
-    is no value."""
-    if value is None or not math.isfinite(value):
-        return "–"
-    if value == 0 or 1e-4 <= abs(value) < 1e5:
-        places = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
-        text = f"{value:.{places}f}"
-    else:
-        digits, power = f"{value:.2e}".split("e")
-        text = f"{digits}·10{str(int(power)).translate(RAISED)}"
-    return text.replace("-", "−")
-
-
-def probability(p: _Real) -> str:
-    if not math.isfinite(p):
-        return "–"
-    return "< 0.0001" if p < 1e-4 else f"{p:.2g}"
-
-
 def span(interval: Interval) -> str:
     """`low to high`."""
     return f"{number(interval.low)} to {number(interval.high)}"
-
-
-def percent(value: _Real) -> str:
-    return f"{100 * value:.0f} %".replace("-", "−") if math.isfinite(value) else "–"
 
 
 def listed(names: Sequence[str], join: str = "and") -> str:

@@ -25,9 +25,8 @@ from jaxsim.metrics.frechet import FrechetScore
 from jaxsim.metrics.inception import Extractor
 from jaxsim.pairs.prepared import prepared
 from jaxsim.prepare import edge_map
-from jaxsim.report import save_picture
 from jaxsim.report.page import figure, image, join_parts, paragraph, section, table, whole_page
-from jaxsim.report.pictures import NO_RETURN, Raster, Rgb, beside, input_panels, intensity_panel, strip
+from jaxsim.report.pictures import NO_RETURN, Raster, Rgb, beside, input_panels, intensity_panel, save_picture, strip
 from jaxsim.report.results import (
     Scores,
     list_facts,

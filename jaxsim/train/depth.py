@@ -33,7 +33,7 @@ from jaxsim.prepare.depth.penet.training import (
     train_step,
 )
 from jaxsim.progress import Progress
-from jaxsim.report import depth_picture
+from jaxsim.report.pictures import depth_picture
 from jaxsim.runs.kinds import DepthRun
 from jaxsim.train.training import Batch, RunScores, Training, ahead, run_folder
 

@@ -10,7 +10,8 @@ from jaxsim import detect, devices
 from jaxsim.config import DetectorExperiment
 from jaxsim.data import open_dataset, select
 from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
-from jaxsim.report import detection_picture, list_scores
+from jaxsim.report.boxes import detection_picture
+from jaxsim.report.results import list_scores
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.train.training import RunScores, Training, ahead, run_folder
 

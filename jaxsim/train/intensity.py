@@ -17,7 +17,8 @@ from jaxsim.evaluate.intensity import score_pairs
 from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
-from jaxsim.report import pair_picture, score_table
+from jaxsim.report.pictures import pair_picture
+from jaxsim.report.results import score_table
 from jaxsim.runs.run import describe_run
 from jaxsim.simulate.grain import save_grain
 from jaxsim.simulate.grain_fit import learn_grain

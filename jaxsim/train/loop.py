@@ -15,7 +15,7 @@ from jaxsim import devices
 from jaxsim.detect import LeftOut
 from jaxsim.interrupts import uninterrupted
 from jaxsim.progress import Progress
-from jaxsim.report import save_picture
+from jaxsim.report.pictures import save_picture
 from jaxsim.runs.kinds import AnyExperiment, kind_of
 from jaxsim.runs.metrics_log import MetricsLog
 from jaxsim.runs.run import Checkpoints, start_run

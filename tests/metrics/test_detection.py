@@ -9,7 +9,7 @@ import pytest
 
 from jaxsim.cli.eval_detection import Detection
 from jaxsim.metrics.detection import evaluate, read_detections, read_truth
-from jaxsim.report import detection_table, write_detection
+from jaxsim.report.detection import detection_table, write_detection
 from tests.metrics.made_detection import car, many, scores
 
 CAR = "Car 0.00 0 0.00 {left:.2f} 100.00 {right:.2f} {bottom:.2f} 1.50 1.60 3.90 {x:.2f} 1.60 20.00 0.00"

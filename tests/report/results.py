@@ -24,7 +24,7 @@ from jaxsim.discover.verdict import (
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from jaxsim.frame import PolarGrid
-from jaxsim.report import write_report
+from jaxsim.report.discovery import write_report
 
 ROWS, COLUMNS = 16, 96
 GAIN = tuple(np.round(0.2 * np.sin(1.7 * np.arange(ROWS)), 3).tolist())

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from jaxsim.metrics.detection import DIFFICULTIES, OVERLAP_SETS, PRINTED_COLUMNS, Curve
-from jaxsim.report import detection_table, mean_table, write_detection
+from jaxsim.report.detection import detection_table, mean_table, write_detection
 
 METRICS = ("3d", "bev", "bbox", "aos")
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from jaxsim.discover.verdict import Nulls
-from jaxsim.report import verdict_sentence
-from jaxsim.report.words import number
+from jaxsim.report.numbers import number
+from jaxsim.report.words import verdict_sentence
 from tests.report import results
 from tests.report.results import page
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from jaxsim.frame import Cloud, PolarImage
-from jaxsim.report import verdict_sentence
 from jaxsim.report.notebook import html_of
+from jaxsim.report.words import verdict_sentence
 from tests.report import results
 
 

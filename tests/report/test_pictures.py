@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from jaxsim.frame import Painted, Pair, PolarImage
-from jaxsim.report import pair_picture, simulated_picture
 from jaxsim.report.pictures import (
     NO_RETURN,
     beside,
@@ -14,7 +13,9 @@ from jaxsim.report.pictures import (
     draw_cloud,
     input_panels,
     intensity_panel,
+    pair_picture,
     save_picture,
+    simulated_picture,
     strip,
 )
 

@@ -3,8 +3,15 @@
 import json
 
 from jaxsim.metrics import Score
-from jaxsim.report import list_scores, score_table, write_list, write_scores
-from jaxsim.report.results import list_facts, markdown_table, write_results
+from jaxsim.report.results import (
+    list_facts,
+    list_scores,
+    markdown_table,
+    score_table,
+    write_list,
+    write_results,
+    write_scores,
+)
 
 
 def test_json_markdown_and_page_hold_what_was_given(tmp_path):

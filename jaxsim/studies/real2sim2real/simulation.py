@@ -9,7 +9,8 @@ from jaxsim.data.select import frames_to_judge
 from jaxsim.discover import discover_folders
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
-from jaxsim.report import verdict_sentence, write_answer
+from jaxsim.report.discovery import write_answer
+from jaxsim.report.words import verdict_sentence
 from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.sensor import load
 from jaxsim.simulate.trees import LabelRules, TreePlan, choose_frames, export_trees

@@ -9,7 +9,7 @@ from benchmarks.blind.hidden import make_case
 from benchmarks.blind.regimes import cells, cells_of, f1
 from jaxsim.discover import discover_folders
 from jaxsim.effects.chain import SensorModel
-from jaxsim.report import write_report
+from jaxsim.report.discovery import write_report
 
 pytestmark = pytest.mark.long
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from jaxsim.report import cloud_with_boxes
+from jaxsim.report.scenes import cloud_with_boxes
 from jaxsim.studies.real2sim2real.page import write_loop
 from tests.studies.real2sim2real.made import COUNTS, clouds
 
