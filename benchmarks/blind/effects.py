@@ -34,7 +34,7 @@ RECYCLE = 40
 
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
-    counts = Counts(tuple(args.severity), args.repeats, args.nulls, args.outside, args.pairs)
+    counts = Counts(tuple(args.severity), args.repeats, args.nulls, args.outside, args.pairs, args.first)
     settings = Settings(args.sealed, args.scenes, drawn=args.calibrate, simulator=args.simulator)
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
@@ -135,6 +135,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--nulls", type=int, default=usual.nulls, help="of each level")
     parser.add_argument("--outside", type=int, default=usual.outside, help="cases of each kind outside the catalogue")
     parser.add_argument("--pairs", type=int, default=usual.pairs, help="pairs, and as many triples")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of each, for cases never asked")
     parser.add_argument("--scenes", type=int, default=Settings().scenes)
     parser.add_argument("--simulator", choices=SIMULATORS, default="ideal", help="errors of the simulated side")
     parser.add_argument(

@@ -79,23 +79,29 @@ class Counts:
     """Of each kind outside the catalogue."""
     pairs: int = 20
     """Pairs, and as many triples."""
+    first: int = 0
+    """Number of the first of each kind, so that cases come that no earlier run has asked."""
 
 
 def plan(counts: Counts, *, sealed: bool) -> list[Job]:
     """All cases, some of each kind early: in the order of the hashes of their names."""
     jobs = [
         Job(effect, severity, "default", repeat)
-        for repeat in range(counts.repeats)
+        for repeat in range(counts.first, counts.first + counts.repeats)
         for severity in counts.severities
         for effect in list_effects()
     ]
-    jobs += [Job("none", 1.0, level, k) for level in ("exact", "misspecified") for k in range(counts.nulls)]
+    jobs += [
+        Job("none", 1.0, level, k)
+        for level in ("exact", "misspecified")
+        for k in range(counts.first, counts.first + counts.nulls)
+    ]
     strong = 4.0
-    jobs += [Job(f"outside:{name}", strong, "default", k) for name in list_outside() for k in range(counts.outside)]
+    numbers = range(counts.first, counts.first + counts.outside)
+    jobs += [Job(f"outside:{name}", strong, "default", k) for name in list_outside() for k in numbers]
     # The first combinations stay the same when more are asked for.
     drawn = DEVELOPMENT if sealed else 0
-    sets = [
-        names for size in (2, 3) for names in (list_combinations(size, counts.pairs, drawn) if counts.pairs else [])
-    ]
+    last = counts.first + counts.pairs if counts.pairs else 0
+    sets = [names for size in (2, 3) if last for names in list_combinations(size, last, drawn)[counts.first :]]
     jobs += [Job("+".join(names), strong, "default", 0) for names in sets]
     return sorted(jobs, key=lambda job: hashlib.sha256(f"order {job.key}".encode()).digest())

@@ -76,6 +76,20 @@ def test_seeds_stay_when_counts_grow(sealed):
     assert all((seed >= DEVELOPMENT) == sealed for seed in more.values())
 
 
+def test_a_later_run_asks_what_no_earlier_one_has():
+    kinds = {"repeats": 1, "nulls": 4, "outside": 2, "pairs": 3}
+    all_of = {
+        job.key for job in plan(Counts((2.0,), **{kind: 2 * count for kind, count in kinds.items()}), sealed=True)
+    }
+    for kind, count in kinds.items():
+        nothing = dict.fromkeys(kinds, 0)
+        earlier = {job.key for job in plan(Counts((2.0,), **nothing | {kind: count}), sealed=True)}
+        later = {job.key for job in plan(Counts((2.0,), **nothing | {kind: count}, first=count), sealed=True)}
+        assert len(later) == len(earlier) > 0
+        assert not later & earlier
+        assert later < all_of
+
+
 def test_cases_lie_in_folders_of_their_own_that_tell_nothing():
     jobs = plan(Counts(), sealed=True)
     assert len({job.key for job in jobs}) == len(jobs) == len({job.place(sealed=True) for job in jobs})
