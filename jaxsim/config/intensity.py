@@ -120,6 +120,9 @@ class OptimConfig(Checked):
     columns: Whole = 0
     """Cut so many columns of the network's size out of each frame, anywhere; 0: all. A step over parts of more frames
     sees more streets."""
+    rows: Whole = 0
+    """The same of its rows. What a beam sees at one height above the border of a window it then sees at another, so
+    that rows are told by their inputs alone."""
     ema_decay: Share = 0.999
     ema_start: Whole = 500
     """The averaged generator copies the trained one up to this step."""

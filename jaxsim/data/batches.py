@@ -43,10 +43,11 @@ def magnified(pair: Pair, factor: float, position: tuple[float, float], *, size:
     return jax.tree.map(take, pair)
 
 
-def crop_columns(pair: Pair, columns: int, position: float) -> Pair:
-    """So many columns of the pair; `position` says where, from 0 (left) to 1."""
-    start = min(int(position * (pair.target.shape[1] - columns + 1)), pair.target.shape[1] - columns)
-    return jax.tree.map(lambda raster: raster[:, start : start + columns], pair)
+def crop(pair: Pair, size: tuple[int, int], position: tuple[float, float]) -> Pair:
+    """So many rows and columns of the pair; `position` says where, from 0 (top, left) to 1."""
+    spare = np.subtract(pair.target.shape, size)
+    up, left = np.minimum((np.array(position) * (spare + 1)).astype(int), spare)
+    return jax.tree.map(lambda raster: raster[up : up + size[0], left : left + size[1]], pair)
 
 
 def recoloured(pair: Pair, amount: float, rng: np.random.Generator) -> Pair:
@@ -68,7 +69,7 @@ def batches(
     jitter: float = 0.0,
     scale_limit: float = 0.0,
     raster: tuple[int, int] | None = None,
-    columns: int = 0,
+    cut: tuple[int, int] | None = None,
     part: int = 0,
     parts: int = 1,
 ) -> Any:
@@ -76,9 +77,9 @@ def batches(
 
     `raster` scales each pair to these rows and columns, where windows differ. `scale_limit` magnifies each by a
     factor between 1 and 1 plus it and cuts `raster` out anywhere (Imaginaire's `random_scale_limit` and crop); `flip`
-    mirrors each with probability 1/2; `jitter` recolours each; `columns`, unless 0, are cut out of each, anywhere. Of
-    several processes each takes one of `parts` equal parts of every batch: part after part they are the batch that one
-    process would take whole.
+    mirrors each with probability 1/2; `jitter` recolours each; `cut`, so many rows and columns, are cut out of each,
+    anywhere. Of several processes each takes one of `parts` equal parts of every batch: part after part they are the
+    batch that one process would take whole.
 
     Raises ValueError where there are fewer pairs than a batch, where it cannot be divided, or where `scale_limit`
     lacks `raster`.
@@ -99,11 +100,16 @@ def batches(
             return pair
         return magnified(pair, 1 + scale_limit * rng.random(), (rng.random(), rng.random()), size=raster)
 
+    def draw_part(pair: Pair, rng: np.random.Generator) -> Pair:
+        assert cut
+        left, up = rng.random(), rng.random()
+        return crop(pair, cut, (up, left))
+
     dataset = grain.MapDataset.source(pairs).seed(seed).shuffle().repeat()
     if raster:
         dataset = dataset.random_map(draw)
-    if columns:
-        dataset = dataset.random_map(lambda pair, rng: crop_columns(pair, columns, rng.random()))
+    if cut:
+        dataset = dataset.random_map(draw_part)
     if flip:
         dataset = dataset.random_map(lambda pair, rng: mirrored(pair) if rng.random() < 0.5 else pair)
     if jitter:

@@ -38,11 +38,12 @@ def intensity_training(experiment: Experiment) -> Training:
     settings = experiment.run
     optim = experiment.optim
     mesh = devices.data_mesh(optim.batch)
-    if optim.columns > prepare.network_size[1]:
-        raise ValueError(
-            f"train: --optim.columns {optim.columns} cannot be cut out of {prepare.network_size[1]} columns "
-            "(--prepare.network-size); give at most as many, or 0 for all"
-        )
+    for name, part, whole in zip(("rows", "columns"), (optim.rows, optim.columns), prepare.network_size, strict=True):
+        if part > whole:
+            raise ValueError(
+                f"train: --optim.{name} {part} cannot be cut out of {whole} {name} (--prepare.network-size); give at "
+                "most as many, or 0 for all"
+            )
 
     # Perceptual loss: its weights are asked for before time goes into preparation.
     weights = experiment.loss
@@ -56,7 +57,8 @@ def intensity_training(experiment: Experiment) -> Training:
     validation = prepared(dataset, select(data.validation, dataset), data, prepare=prepare)
     # Scaled on the host where frames are magnified or cut, or where drives of other calibrations see other windows.
     size = prepare.network_size
-    alike = train.windows == {size} if optim.columns else len(train.windows) == 1
+    cut = (optim.rows or size[0], optim.columns or size[1])
+    alike = train.windows == {size} if cut != size else len(train.windows) == 1
     raster = size if optim.scale_limit or not alike else None
     loader = batches(
         list(train) if len(train) <= HELD else train,
@@ -66,12 +68,12 @@ def intensity_training(experiment: Experiment) -> Training:
         jitter=optim.jitter,
         scale_limit=optim.scale_limit,
         raster=raster,
-        columns=optim.columns,
+        cut=cut if cut != size else None,
         part=jax.process_index(),
         parts=jax.process_count(),
     )
     to_batch = make_batch(
-        replace(prepare, network_size=(size[0], optim.columns)) if optim.columns else prepare,
+        replace(prepare, network_size=cut),
         drop_weight=weights.drop_weight,
         unseen_weight=weights.unseen_weight,
         occluded_weight=weights.occluded_weight,

@@ -4,14 +4,14 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.data.batches import batches, crop_columns, magnified
+from jaxsim.data.batches import batches, crop, magnified
 from jaxsim.frame import Painted, Pair, PolarImage
 from jaxsim.train.training import ahead
 
 
 def pair(i: int) -> Pair:
-    """Every raster holds the pair's number, and one more in each column."""
-    raster = np.broadcast_to(np.float32(100 * i) + np.arange(6, dtype=np.float32), (4, 6))
+    """Every raster holds a hundred times the pair's number, ten more in each row and one more in each column."""
+    raster = np.float32(100 * i) + 10 * np.arange(4, dtype=np.float32)[:, None] + np.arange(6, dtype=np.float32)
     whole, mask = raster.astype(np.int32), np.ones((4, 6), bool)
     painted = Painted(raster, raster, np.stack([raster] * 3, -1), whole, whole, mask, ~mask)
     return Pair(painted, raster, raster, raster, PolarImage(raster, raster, mask))
@@ -75,9 +75,9 @@ def test_a_magnified_pair_shows_a_part_of_it_cell_for_cell():
 
 
 def test_magnification_is_drawn_for_every_pair_and_every_epoch():
-    """Brightest cell less darkest: the window's width in columns, less one."""
+    """Brightest cell of a row less the darkest: the window's width in columns, less one."""
     loader = batches(PAIRS, size=10, seed=5, scale_limit=1.0, raster=(8, 60))
-    first, second = (np.ptp(loader[k].target.reshape(10, -1), axis=1) for k in (0, 1))
+    first, second = (np.ptp(loader[k].target[:, 0] % 10, axis=1) for k in (0, 1))
     assert {first.min(), first.max()} <= {2, 3, 4, 5}
     assert len(set(first)) > 1
     assert not np.array_equal(first, second)
@@ -97,15 +97,17 @@ def test_magnifying_needs_a_size_to_cut_out():
         batches(PAIRS, size=2, seed=0, scale_limit=0.2)
 
 
-def test_columns_are_cut_out_of_every_raster_at_one_place():
-    for place, start in ((0.0, 0), (0.5, 1), (0.999, 2)):
-        part = crop_columns(PAIRS[0], 4, place)
+def test_parts_are_cut_out_of_every_raster_at_one_place():
+    rows, columns = PAIRS[0].target.shape
+    for place, left in ((0.0, 0), (0.5, 1), (0.999, 2)):
+        part = crop(PAIRS[0], (rows - 1, columns - 2), (0.999, place))
         for whole, piece in zip(jax.tree.leaves(PAIRS[0]), jax.tree.leaves(part), strict=True):
-            np.testing.assert_array_equal(piece, whole[:, start : start + 4])
+            np.testing.assert_array_equal(piece, whole[1:, left : left + columns - 2])
 
 
-def test_cut_columns_come_from_all_over_the_frame():
-    loader = batches(PAIRS[:2], size=2, seed=0, columns=4)
-    first = np.concatenate([loader[k].target[:, 0, 0] % 100 for k in range(20)])
-    assert loader[0].painted.rgb.shape == (2, 4, 4, 3)
-    assert {*first} == {0, 1, 2}
+def test_cut_parts_come_from_all_over_the_frame():
+    loader = batches(PAIRS[:2], size=2, seed=0, cut=(3, 4))
+    corners = np.concatenate([loader[k].target[:, 0, 0] % 100 for k in range(40)])
+    assert loader[0].painted.rgb.shape == (2, 3, 4, 3)
+    rows, columns = PAIRS[0].target.shape
+    assert {*corners} == {10 * row + column for row in range(rows - 2) for column in range(columns - 3)}

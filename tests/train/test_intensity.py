@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from jaxsim.cli import main
+from jaxsim.config import Experiment, OptimConfig
 from jaxsim.data.polar_frames import read_frame, read_grid
+from jaxsim.train.intensity import intensity_training
 from tests.programs import ROOT, SMALL, running, said, wait_until
 
 pytestmark = pytest.mark.long
@@ -201,6 +203,12 @@ def test_the_readmes_first_lines_make_a_point_cloud(work):
     assert block
     code = block[1] + "\nimport numpy as np; print('points', int(np.asarray(cloud.valid).sum()))"
     assert int(said(work, "-c", code, **SHARED).split()[-1]) > 0
+
+
+@pytest.mark.parametrize("part", ["rows", "columns"])
+def test_a_part_that_is_larger_than_what_it_is_cut_out_of_is_refused(part):
+    with pytest.raises(ValueError, match=f"--optim.{part} 5000 cannot be cut out of"):
+        intensity_training(Experiment(optim=OptimConfig(**{part: 5000})))
 
 
 def test_the_papers_experiment_asks_for_vgg_before_it_reads_any_data(work, told):
