@@ -130,11 +130,12 @@ def input_channels(prepare: PrepareConfig) -> int:
 def network_inputs(
     painted: Painted,
     incidence_rad: Float[Array, "*b rows columns"],
-    row_share: Float[Array, "*b rows columns"],
+    row_share: Float[Array, "*b rows #columns"],
     *,
     prepare: PrepareConfig,
 ) -> Float[Array, "*b r c channels"]:
-    """Scales a window to the network's size and stacks the channels that `prepare.inputs` names.
+    """Scales a window to the network's size and stacks the channels that `prepare.inputs` names; `row_share` may have
+    one column that stands for all.
 
     Colours, lengths and angle are scaled to -1..1. Classes are one-hot over `prepare.classes`, all 0
     for *don't care*: another class, an occluded cell, and where nothing was painted. Edges are 0 or 1, found
@@ -142,8 +143,13 @@ def network_inputs(
     """
     input_channels(prepare)
     size, lead = prepare.network_size, row_share.ndim - 2
-    painted, incidence_rad, row_share = resample((painted, incidence_rad, row_share), size, batch_dims=lead)
+    painted, incidence_rad = resample((painted, incidence_rad), size, batch_dims=lead)
+    row_share = resample(row_share, (size[0], 1 if row_share.shape[-1] == 1 else size[1]), batch_dims=lead)
     seen = painted.valid
+
+    def of_row(code: Array) -> Array:
+        # Behind the barrier waves are worked out once a row; fused into what stacks the channels, twice a cell.
+        return jnp.broadcast_to(jax.lax.optimization_barrier(code), (*seen.shape, code.shape[-1]))
 
     def scaled(value: Array, largest: float) -> Array:
         return jnp.where(seen, 2 * jnp.clip(value / largest, 0, 1) - 1, -1)[..., None]
@@ -164,8 +170,8 @@ def network_inputs(
         "log_range": lambda: scaled(
             jnp.log(jnp.maximum(painted.range_m, 1.0)), math.log(max(prepare.max_range_m, 2.0))
         ),
-        "row": lambda: _row_code(row_share),
-        "beam": lambda: jax.nn.one_hot(jnp.round(row_share * (BEAMS - 1)).astype(jnp.int32), BEAMS, dtype=jnp.float32),
+        "row": lambda: of_row(_row_code(row_share)),
+        "beam": lambda: of_row(jax.nn.one_hot(jnp.round(row_share * (BEAMS - 1)).astype(jnp.int32), BEAMS)),
         "surroundings": lambda: surroundings(painted, incidence_rad),
     }
     return jnp.concatenate([make[name]() for name in prepare.inputs], axis=-1)

@@ -135,7 +135,7 @@ def predict_cells(
     that gives a distribution sees each window and its mirror image, and the mean of both answers counts.
     """
     *batch, rows, columns = incidence_rad.shape
-    row_shares = jnp.broadcast_to(row_share[..., None], incidence_rad.shape)
+    row_shares = jnp.broadcast_to(row_share, incidence_rad.shape[:-1])[..., None]
     inputs = network_inputs(painted, incidence_rad, row_shares, prepare=prepare)
     inputs = inputs.reshape(-1, *inputs.shape[-3:])
     outputs = generate(params, inputs)

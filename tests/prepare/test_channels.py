@@ -185,3 +185,11 @@ def test_edges_equal_those_of_both_published_programs(golden):
     original = np.load(golden / "pix2pixhd_original/input_and_edges.npz")
     ids = original["inst"][:, 0]
     np.testing.assert_array_equal(edge_map(np.zeros_like(ids), ids), original["edge"][:, 0])
+
+
+def test_one_column_of_rows_stands_for_all():
+    painted, angle, row = scene()
+    for size in (SHAPE[1:], (8, 12)):
+        prepare = config("row", "beam", "depth", size=size)
+        whole = np.asarray(network_inputs(painted, angle, row, prepare=prepare))
+        np.testing.assert_array_equal(network_inputs(painted, angle, row[..., :1], prepare=prepare), whole)
