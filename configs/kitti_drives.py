@@ -39,6 +39,7 @@ experiment = Experiment(
         betas=(0.9, 0.99),
         batch=4,
         columns=64,
+        rows=32,
         steps=5000,
         warm_up=50,
         decay_from=0.0,
