@@ -171,7 +171,9 @@ def network_inputs(
             jnp.log(jnp.maximum(painted.range_m, 1.0)), math.log(max(prepare.max_range_m, 2.0))
         ),
         "row": lambda: of_row(_row_code(row_share)),
-        "beam": lambda: of_row(jax.nn.one_hot(jnp.round(row_share * (BEAMS - 1)).astype(jnp.int32), BEAMS)),
+        "beam": lambda: of_row(
+            jax.nn.one_hot(jnp.round(row_share * (BEAMS - 1)).astype(jnp.int32), BEAMS, dtype=jnp.float32)
+        ),
         "surroundings": lambda: surroundings(painted, incidence_rad),
     }
     return jnp.concatenate([make[name]() for name in prepare.inputs], axis=-1)

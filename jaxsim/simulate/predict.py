@@ -47,8 +47,8 @@ class Look(NamedTuple):
 
 
 LOOKS = (Look(False), Look(True), Look(False, above=6, below=10), Look(True, above=11, below=5))
-"""How often a network that gives a distribution looks at a window. 16 more rows in all leave its halvings whole, and
-put rows that were halved together apart."""
+"""How a network that gives a distribution looks at a window. With 16 more rows in all its halvings fill up no more than
+without; rows that they put together come apart, lifted by 11 at once, by 6 one halving deeper."""
 
 
 @struct.dataclass
@@ -155,8 +155,8 @@ def predict_cells(
     outputs = generate(params, inputs)
     distribution = outputs.shape[-1] > len(QUANTILES)
     if distribution:
-        # Mirrored, the window is of another street of the same sensor, lifted, its rows are told by what they show and
-        # not by their place: errors of the answers partly cancel.
+        # Mirrored, the window is of another street of the same sensor; lifted, its rows are told by what they show and
+        # not by their place. Errors of the answers partly cancel.
         outputs = jnp.mean(jnp.stack([_answer(generate, params, inputs, look=look) for look in LOOKS]), axis=0)
     channels = jnp.moveaxis(outputs, -1, 0).reshape(outputs.shape[-1], *batch, *outputs.shape[1:3])
     channels = resample(channels, (rows, columns), batch_dims=len(batch) + 1)
