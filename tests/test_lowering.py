@@ -1,4 +1,5 @@
-"""Programs for accelerators, made where there is none: what a GPU or a TPU would run lowers for both.
+"""Programs for accelerators, made where there is none: what a GPU or a TPU would run lowers for both, and rounds no
+factor of a product to fewer digits than float32 has where it is no network that is trained.
 
 A program is traced from the shapes of small inputs; nothing is computed, and nothing is compiled.
 """
@@ -18,8 +19,12 @@ from jaxsim.data.synthetic import kitti_camera
 from jaxsim.detect import make_train_step as make_detector_step
 from jaxsim.detect import steps as detector
 from jaxsim.detect.steps import make_detect
+from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.gradients import effect_with_gradient
+from jaxsim.discover.model.likelihood import log_likelihood
+from jaxsim.discover.model.noise import START
 from jaxsim.discover.model.parameters import to_z
+from jaxsim.discover.model.random_effects import normal_equations
 from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.frame import CameraFrame, Cloud, DepthFrame
 from jaxsim.geometry import points_to_polar, polar_to_points, preset
@@ -34,7 +39,7 @@ from jaxsim.runs.run import describe_run
 from jaxsim.simulate.sensor import LearnedSensor
 from jaxsim.train.experiments import load_experiment
 from tests.detect import tiny
-from tests.discover.toy import toy
+from tests.discover.toy import device, toy
 from tests.prepare.lidia_oracle import random_state
 from tests.small_training import CHANNELS, EXPERIMENT, SIZE
 
@@ -124,6 +129,20 @@ def discovery() -> Program:
     return found, (shapes(z), rays, shapes(scan))
 
 
+def null_model() -> Program:
+    """Levels of reflectance and poses in closed form, and how likely they make the frames."""
+    frames = np.arange(2)
+    columns = np.broadcast_to(np.arange(0, 60, 4), (2, 15))
+    evidence = gather(*device(*toy(frames=2)), frame=frames, column=columns, scene=frames)
+    off = f32(*evidence.edge.shape)
+
+    def likely(ev: Any, noise: Any, off: Any) -> Any:
+        equations = normal_equations(ev, noise, (off, off))
+        return log_likelihood(ev, noise, equations=equations, fitted=jnp.ones(len(ev.scene)), clutter=False)
+
+    return likely, (shapes(evidence), shapes(START), off)
+
+
 def clouds() -> Program:
     """Points to a polar image and back, thinned, and as histograms."""
     experiment, _ = load_experiment("synthetic")
@@ -141,21 +160,35 @@ def boxes() -> Program:
     return partial(nms_bev, keep=8, consider=16), (f32(40, 7), f32(40), f32())
 
 
-PROGRAMS = (simulation, intensity_training, detection, denoising, discovery, clouds, boxes)
+EXACT = (denoising, discovery, null_model, clouds, boxes)
+NETWORKS = (simulation, intensity_training, detection)
+"""Whose layers take what the device prefers."""
 LONG = (detector_training, depth_training)
+
+
+def lowered(program: Callable[[], Program]) -> str:
+    function, arguments = program()
+    return jax.jit(function).trace(*arguments).lower(lowering_platforms=ACCELERATORS).as_text()
 
 
 @pytest.mark.usefixtures("standard_promotion")
 @pytest.mark.parametrize(
     "program",
-    [*PROGRAMS, *(pytest.param(program, marks=pytest.mark.slow) for program in LONG)],
+    [*EXACT, *NETWORKS, *(pytest.param(program, marks=pytest.mark.slow) for program in LONG)],
     ids=lambda program: program.__name__,
 )
 def test_it_lowers_for_a_gpu_and_a_tpu(program: Callable[[], Program], monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "cuda")  # by which jaxsim chooses among forms
-    function, arguments = program()
-    lowered = jax.jit(function).trace(*arguments).lower(lowering_platforms=ACCELERATORS)
-    text = lowered.as_text()
+    text = lowered(program)
     assert "mhlo.num_partitions" in text
     assert "__cpu$" not in text  # custom calls that only XLA's CPU knows
     assert "@jaxsim_" not in text  # and ours
+
+
+@pytest.mark.usefixtures("standard_promotion")
+@pytest.mark.parametrize("program", EXACT, ids=lambda program: program.__name__)
+def test_no_accelerator_rounds_the_factors_of_its_products(program: Callable[[], Program], monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "cuda")
+    products = [line for line in lowered(program).splitlines() if "dot_general" in line or "stablehlo.conv" in line]
+    rounded = [line.strip() for line in products if "stablehlo.convert" not in line and "HIGHEST" not in line]
+    assert not rounded

@@ -20,6 +20,7 @@ from jaxsim.effects import Law, Parameter
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.learned import hats
 from jaxsim.effects.rays import Array, Rays, covariates
+from jaxsim.products import matmul
 
 ON_HOST = covariates(np)
 HUE_ANGLE = "hue angle"
@@ -111,7 +112,7 @@ def _curve(p: dict[str, Array], rays: Rays) -> Float[Array, "*n"]:
     """The curve's height at each ray. Raises ValueError for rays that carry no basis."""
     if rays.basis is None:
         raise ValueError("a free curve needs the basis of its covariate: make the problem with `with_basis`")
-    return rays.basis @ p["height"]
+    return matmul(rays.basis, p["height"])
 
 
 CURVES = {

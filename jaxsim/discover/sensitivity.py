@@ -42,6 +42,7 @@ from jaxsim.discover.verdict import Sensitivity
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays
 from jaxsim.frame import Array
+from jaxsim.products import einsum, matmul
 
 OF_MEAN = (DEGREES + 1) / (DEGREES + 3)
 """Fisher's information of a Student-t in its location, over that of a normal of the same scale ..."""
@@ -241,8 +242,8 @@ def _of_spread(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Held
     # By the null's own scales the variance changes as their shares in it: of a direction, and of all ranges.
     aim = jnp.exp(2 * noise.aim) * jnp.sum(ev.pose[..., 3:] ** 2, axis=-1) / usual
     of_null = jnp.where(ev.smooth[..., None], jnp.stack([jnp.exp(2 * noise.range_) / usual, aim], axis=-1), 0)
-    gram = jnp.einsum("bcri,bcrj->ij", of_null, of_null) + 1e-6 * jnp.eye(2)
-    taken = of_null @ jnp.linalg.solve(gram, jnp.einsum("bcri,bcr->i", of_null, widened))
+    gram = einsum("bcri,bcrj->ij", of_null, of_null) + 1e-6 * jnp.eye(2)
+    taken = matmul(of_null, jnp.linalg.solve(gram, einsum("bcri,bcr->i", of_null, widened)))
     # A normal of which ln variance is off by d loses d^2 / 4.
     weight = jnp.full_like(widened, OF_SCALE / 2)
     return _nats(weight, widened).sum((1, 2)), _nats(weight, widened - taken).sum((1, 2))

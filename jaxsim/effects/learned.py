@@ -24,6 +24,7 @@ from jaxtyping import Float
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import READ, TURN, Array, Rays, Scan
 from jaxsim.files import check_keys, real
+from jaxsim.products import einsum
 
 LAW_KINDS = ("curve", "table", "periodic", "product", "wave")
 LIMITS = {"intensity": (-2.0, 2.0), "range": (-1.0, 1.0), "drop": (0.0, 0.95)}
@@ -121,7 +122,7 @@ class Learned:
                 height = height + jnp.hypot(heights[0], heights[1])
         elif self.kind == "product":
             grid = heights.reshape(len(self.knots[0]), len(self.knots[1]))
-            height = jnp.einsum("...i,ij,...j->...", _weights(x[0], knots[0]), grid, _weights(x[1], knots[1]))
+            height = einsum("...i,ij,...j->...", _weights(x[0], knots[0]), grid, _weights(x[1], knots[1]))
         else:
             # Past the outermost knots a curve holds its ends: nothing was seen there to go on by.
             height = jnp.interp(x[0], knots[0], heights, period=TURN if self.kind == "periodic" else None)

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array, Cloud, PolarGrid, PolarImage
+from jaxsim.products import matmul
 
 _Tree = TypeVar("_Tree")
 FILLED_TO = 2**15
@@ -148,7 +149,7 @@ def _rays(grid: PolarGrid) -> Float[Array, "rows columns_by_3"]:
     level = jnp.stack([ca, sa, jnp.zeros_like(ca)], axis=-1)
     upright = jnp.stack([jnp.zeros_like(ca), jnp.zeros_like(ca), jnp.ones_like(ca)], axis=-1)
     turn = jnp.stack([level.ravel(), upright.ravel()])
-    return jnp.matmul(beams, turn, precision=jax.lax.Precision.HIGHEST)
+    return matmul(beams, turn)
 
 
 @jax.jit

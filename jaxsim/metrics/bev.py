@@ -25,6 +25,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array
 from jaxsim.geometry.polar import scatter_nearest
+from jaxsim.products import einsum
 from jaxsim.progress import Progress
 
 HALF_M, BINS = 80.0, 100
@@ -152,11 +153,11 @@ def _spectral_squares(difference: Float[Array, "n r c"]) -> tuple[Float[Array, "
     beside = []
     for _ in range(min(LANCZOS, columns)):
         v, basis = along[-1], jnp.stack(along, 1)
-        w = jnp.einsum("nrc,nc->nr", difference, v, precision=jax.lax.Precision.HIGHEST)
-        w = jnp.einsum("nrc,nr->nc", difference, w, precision=jax.lax.Precision.HIGHEST)
+        w = einsum("nrc,nc->nr", difference, v)
+        w = einsum("nrc,nr->nc", difference, w)
         diagonal.append((v * w).sum(-1))
         for _ in range(2):  # once leaves what rounding has left
-            w = w - jnp.einsum("nkc,nk->nc", basis, jnp.einsum("nkc,nc->nk", basis, w))
+            w = w - einsum("nkc,nk->nc", basis, einsum("nkc,nc->nk", basis, w))
         beside.append(jnp.linalg.norm(w, axis=-1))
         along.append(w / jnp.maximum(beside[-1], 1e-20)[:, None])
     off = jnp.stack(beside[:-1], -1)

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.frame import Array
 from jaxsim.metrics.bev import SCAN_COLUMNS, SCAN_ROWS, spherical_image
+from jaxsim.products import PRECISION
 from jaxsim.weights import Arrays, Converter, checked_arrays, load_weights
 
 ENCODER_BLOCKS = (1, 2, 8, 8, 4)
@@ -109,9 +110,7 @@ def fold_batch_norm(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] 
 def _layer(values: Kernels, name: str, x: Array, *, stride: int = 1) -> Array:
     """Convolution and leaky ReLU; `upconv` doubles the columns, `stride` thins them."""
     kernel, bias = jax.tree.map(jnp.asarray, values[name])
-    convolve = partial(
-        jax.lax.conv_general_dilated, dimension_numbers=("NHWC", "HWIO", "NHWC"), precision=jax.lax.Precision.HIGHEST
-    )
+    convolve = partial(jax.lax.conv_general_dilated, dimension_numbers=("NHWC", "HWIO", "NHWC"), precision=PRECISION)
     if name.endswith("upconv"):
         # Columns are doubled: zeros between, and 2 on both sides for the kernel of 4.
         x = convolve(x, kernel, (1, 1), ((0, 0), (2, 2)), lhs_dilation=(1, 2))

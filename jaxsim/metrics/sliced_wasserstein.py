@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.frame import Array
+from jaxsim.products import matmul
 
 PATCH = 7
 PLACES = 128
@@ -85,8 +86,7 @@ def _standardised(patches: Float[Array, "n k 7 7 c"]) -> Float[Array, "m d"]:
 @jax.jit
 def sliced(a: Float[Array, "m d"], b: Float[Array, "m d"], directions: Float[Array, "d k"]) -> Float[Array, ""]:
     """Mean absolute difference of the sorted projections on each direction."""
-    product = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-    return jnp.abs(jnp.sort(product(a, directions), axis=0) - jnp.sort(product(b, directions), axis=0)).mean()
+    return jnp.abs(jnp.sort(matmul(a, directions), axis=0) - jnp.sort(matmul(b, directions), axis=0)).mean()
 
 
 def _distances(a: Sequence[Array], b: Sequence[Array], key: Array) -> list[float]:

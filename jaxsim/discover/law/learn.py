@@ -25,6 +25,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
 from jaxsim.effects import Law
 from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, curve_kind, hats
+from jaxsim.products import matmul
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Form:
             name=f"{bare.name} ({mark})",
             parameters={"height": height},
             channels=(bare.channel,),
-            apply=lambda p, rays: CHANGE[bare.channel](rays, bare.height(rays, basis @ p["height"])),
+            apply=lambda p, rays: CHANGE[bare.channel](rays, bare.height(rays, matmul(basis, p["height"]))),
             # A law of the reported intensity would be fitted to the measured one; this is one of the predicted.
             covariates=tuple(name for name in bare.covariates if name in COVARIATES and name != "intensity"),
         )

@@ -22,6 +22,7 @@ from jaxsim.discover.model.cast import FIRM, STREET_SD, STRIP_SD
 from jaxsim.discover.model.evidence import POSE_SD, Evidence
 from jaxsim.discover.model.noise import DEGREES, Noise, intensity_variance, reading_variance
 from jaxsim.frame import Array
+from jaxsim.products import einsum, matmul
 
 CLASS_MOST = 0.7
 """A class's reflectance is off by a factor of 2 at most: what is brighter is no diffuse surface."""
@@ -49,7 +50,7 @@ class Groups:
     def gram_of_levels(self, blocks: int) -> Float[Array, "{blocks} p p"]:
         """What the levels take out of each block's Gram matrix."""
         # Schur complement of a scalar: f f' / (weight + precision).
-        outer = jnp.einsum("sp,sq->spq", self.features, self.features * self.variance[:, None])
+        outer = einsum("sp,sq->spq", self.features, self.features * self.variance[:, None])
         return jax.ops.segment_sum(outer, self.block, blocks)
 
     def sums_of_levels(self, total: Float[Array, " g"], blocks: int) -> Float[Array, "{blocks} p"]:
@@ -93,7 +94,7 @@ def normal_equations(
     strips = _strips(ev, weight_i, weighted)
     surfaces = _surfaces(ev, strips)
     # Of X'WX of the features, what strips and surfaces take up by levels of their own.
-    gram = jnp.einsum("bcrp,bcrq->bpq", weighted, ev.features)
+    gram = einsum("bcrp,bcrq->bpq", weighted, ev.features)
     gram = gram - strips.gram_of_levels(len(ev.scene)) - surfaces.gram_of_levels(len(ev.scene))
     # Only classes have a level in each street: gain and angles are the sensor's and the simulator's everywhere.
     kinds = jnp.arange(gram.shape[-1])
@@ -103,7 +104,7 @@ def normal_equations(
     street = jnp.linalg.inv(gram * mask + prior[None]) * mask
     # A pose is a small normal problem of its own in each block: six numbers, held by their prior.
     prior = jnp.diag(jnp.asarray(1 / POSE_SD**2, jnp.float32))
-    information = jnp.einsum("bcri,bcrj,bcr->bij", ev.pose, ev.pose, weight_r) + prior[None]
+    information = einsum("bcri,bcrj,bcr->bij", ev.pose, ev.pose, weight_r) + prior[None]
     return NormalEquations(weight_i, weight_r, strips, surfaces, gram, street, jnp.linalg.inv(information))
 
 
@@ -168,7 +169,7 @@ def levels_of(
     of_strip, of_surface, right = _sums(ev, eq, residual)
     shared = _shared(ev, eq, fitted, right=right)
     # Back substitution: street, then surface, then strip, each of what the ones before leave.
-    street = jnp.einsum("bpq,bq->bp", eq.street, right - jnp.einsum("bpq,q->bp", eq.gram, shared))
+    street = einsum("bpq,bq->bp", eq.street, right - einsum("bpq,q->bp", eq.gram, shared))
     features = shared[None] + street
     surface = (of_surface - jnp.sum(surfaces.features * features[surfaces.block], axis=-1)) * surfaces.variance
     strip = of_strip - jnp.sum(strips.features * features[strips.block], axis=-1)
@@ -179,7 +180,7 @@ def levels_of(
 def explained_by(ev: Evidence, levels: ReflectanceLevels) -> Float[Array, "b c r"]:
     """Nats by which levels make each compared ray brighter than simulated."""
     of_ray = (levels.strip + levels.surface[ev.surface])[ev.strip.reshape(-1)].reshape(ev.strip.shape)
-    return jnp.einsum("bcrp,bp->bcr", ev.features, levels.features) + of_ray
+    return einsum("bcrp,bp->bcr", ev.features, levels.features) + of_ray
 
 
 def _sums(
@@ -194,7 +195,7 @@ def _sums(
     # Of each strip's sum the share that its own level does not take up.
     of_surface = jax.ops.segment_sum(of_strip * strips.precision * strips.variance, ev.surface, len(ev.precision))
     # X'W residual, with what the levels take up left out, as in the matrix.
-    right = jnp.einsum("bcrp,bcr->bp", ev.features, weighted)
+    right = einsum("bcrp,bcr->bp", ev.features, weighted)
     right = right - strips.sums_of_levels(of_strip, blocks) - surfaces.sums_of_levels(of_surface, blocks)
     return of_strip, of_surface, right
 
@@ -204,9 +205,9 @@ def _shared(
 ) -> Float[Array, " p"]:
     """Coefficients of the features in the `fitted` blocks together, streets' levels taken out."""
     # A Schur complement again: what a street's own level would explain says nothing of the shared one.
-    gram = eq.gram - eq.gram @ eq.street @ eq.gram
-    shared = fitted @ (right - jnp.einsum("bpq,bqs,bs->bp", eq.gram, eq.street, right))
-    shared = jnp.linalg.solve(jnp.einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
+    gram = eq.gram - matmul(matmul(eq.gram, eq.street), eq.gram)
+    shared = matmul(fitted, right - einsum("bpq,bqs,bs->bp", eq.gram, eq.street, right))
+    shared = jnp.linalg.solve(einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
     # Gain and angles are free; only classes are held.
     classes = jnp.clip(shared[1 : -ev.after_kinds], -CLASS_MOST, CLASS_MOST)
     return jnp.concatenate([shared[:1], classes, shared[-ev.after_kinds :]])
@@ -230,12 +231,12 @@ def frame_poses(
     measured = jnp.where(on, ev.range_m, predicted_m)
     # r0^2 (1 / r0 - 1 / r) = (r - r0) r0 / r: the change of 1 / range, in metres at the predicted range r0.
     residual = (measured - predicted_m) * predicted_m / jnp.maximum(measured, 0.1)
-    return jnp.einsum("bij,bj->bi", eq.pose, jnp.einsum("bcri,bcr->bi", ev.pose, residual * eq.range_))
+    return einsum("bij,bj->bi", eq.pose, einsum("bcri,bcr->bi", ev.pose, residual * eq.range_))
 
 
 def moved_by(ev: Evidence, pose: Float[Array, "b 6"], predicted_m: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
     """How far a small motion of each frame moves the predicted ranges, m."""
-    away = jnp.einsum("bcri,bi->bcr", ev.pose, pose) / jnp.maximum(predicted_m, 0.1)
+    away = einsum("bcri,bi->bcr", ev.pose, pose) / jnp.maximum(predicted_m, 0.1)
     # A grazing ray far away would move without bound, or pass through infinity.
     away = jnp.clip(away, -POSE_MOST, POSE_MOST)
     return predicted_m * away / (1 - away)

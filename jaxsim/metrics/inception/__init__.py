@@ -23,6 +23,7 @@ from jaxtyping import Float
 
 from jaxsim.frame import Array
 from jaxsim.metrics.inception.network import WIDTHS, Inception, InceptionForm
+from jaxsim.products import einsum
 from jaxsim.weights import Arrays, Converter, checked_arrays, fingerprint, load_weights, weights_kind
 
 __all__ = ["CONVERTERS", "FORM_OF_KIND", "WIDTHS", "Extractor", "load_extractor", "open_extractor", "random_extractor"]
@@ -226,7 +227,6 @@ def prepared_images(images: Float[Array, "b h w c"], form: InceptionForm) -> Flo
     _, rows, columns, _ = images.shape
     images = jnp.clip(images, -1.0, 1.0) if form == "torchvision" else images
     matrix = bicubic if form == "torchvision" else bilinear
-    product = partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
-    images = product("bhwc,ih->biwc", images, matrix(INPUT_SIZE, rows))
-    images = product("biwc,jw->bijc", images, matrix(INPUT_SIZE, columns))
+    images = einsum("bhwc,ih->biwc", images, matrix(INPUT_SIZE, rows))
+    images = einsum("biwc,jw->bijc", images, matrix(INPUT_SIZE, columns))
     return jnp.broadcast_to(images, (*images.shape[:-1], 3))

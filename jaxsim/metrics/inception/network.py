@@ -16,6 +16,8 @@ from flax import nnx
 from jax import Array
 from jaxtyping import Float
 
+from jaxsim.products import PRECISION
+
 InceptionForm = Literal["torchvision", "pytorch_fid"]
 Features = Float[Array, "b _h _w _c"]
 
@@ -40,9 +42,7 @@ class Conv(nnx.Conv):
         kernel = (size, size) if isinstance(size, int) else size
         padding = [(k // 2, k // 2) if same else (0, 0) for k in kernel]
         # Not the accelerator's default: half-precision products would change the distance.
-        super().__init__(
-            channels, width, kernel, (stride, stride), padding=padding, precision=jax.lax.Precision.HIGHEST, rngs=rngs
-        )
+        super().__init__(channels, width, kernel, (stride, stride), padding=padding, precision=PRECISION, rngs=rngs)
 
     def __call__(self, x: Features) -> Features:  # type: ignore[override]
         return jax.nn.relu(super().__call__(x))

@@ -14,6 +14,7 @@ from jaxsim.frame import Array
 from jaxsim.prepare.denoise.lidia.network import PatchDenoiser, Scale, Variant
 from jaxsim.prepare.denoise.lidia.patches import RADIUS, blur, fold, nearest_patches, pad, unfold
 from jaxsim.prepare.denoise.lidia.stages import BLOCK, Statistics
+from jaxsim.products import tensordot
 from jaxsim.weights import Values
 
 BEYOND_BORDER = -1.0
@@ -131,7 +132,7 @@ def _scale(image: Array, mask: Array | None, p: int, *, d: int) -> Scale:
     margin, (b, _, _, c) = RADIUS * d, image.shape
     outer = pad(image, margin, "constant", value=BEYOND_BORDER)
     known = None if mask is None else pad(mask, margin, "constant", value=1.0)
-    grey = outer[..., 0] if c == 1 else jnp.tensordot(outer, jnp.asarray(GREY), 1, precision=jax.lax.Precision.HIGHEST)
+    grey = outer[..., 0] if c == 1 else tensordot(outer, jnp.asarray(GREY), 1)
     table = unfold(outer, p, d)
     search = partial(nearest_patches, p=p, d=d)
     if known is None:

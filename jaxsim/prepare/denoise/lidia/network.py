@@ -20,7 +20,8 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from jaxsim.prepare.denoise.lidia.patches import NEIGHBOURS, blur, fold, pad, patch_counts, unfold
-from jaxsim.prepare.denoise.lidia.stages import PRECISION, BatchNorm, Stage, Statistics, through
+from jaxsim.prepare.denoise.lidia.stages import BatchNorm, Stage, Statistics, through
+from jaxsim.products import einsum, tensordot
 
 
 class Linear(nnx.Module):
@@ -35,11 +36,11 @@ class Linear(nnx.Module):
 
     def along_first(self, x: Float[Array, "i *n"]) -> Float[Array, "o *n"]:
         """The layer on the first axis."""
-        return jnp.tensordot(self.weight[...], x, 1, precision=PRECISION)
+        return tensordot(self.weight[...], x, 1)
 
     def along_last(self, x: Float[Array, "*n i"]) -> Float[Array, "*n o"]:
         """The layer on the last axis."""
-        return jnp.einsum("...i,oi->...o", x, self.weight[...], precision=PRECISION)
+        return einsum("...i,oi->...o", x, self.weight[...])
 
 
 class VerHor(nnx.Module):

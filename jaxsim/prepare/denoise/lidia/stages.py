@@ -14,12 +14,12 @@ from flax import nnx
 from jax import Array
 from jaxtyping import Float, Shaped
 
+from jaxsim.products import matmul
+
 Statistics = Literal["stored", "image", "training"]
 """What batch norm divides by: the training set's statistics, stored with the weights; those of the patches at hand;
 or these, and the stored ones move towards them."""
 EPS, MOMENTUM = 1e-5, 0.1
-PRECISION = jax.lax.Precision.HIGHEST
-"""An accelerator's default would round inputs to fewer digits."""
 BLOCK = 256
 """Patches at a time: 56 neighbours' 64 features of them take 3.5 MiB, and stay in the last cache."""
 
@@ -38,9 +38,9 @@ class Moments(NamedTuple):
         # A product with the counts: XLA on a CPU sums over two axes number by number.
         weight = jnp.repeat(counted, x.shape[-1])
         flat = x.reshape(x.shape[0], -1)
-        mean = jnp.matmul(flat, weight, precision=PRECISION) / jnp.maximum(number, 1.0)
+        mean = matmul(flat, weight) / jnp.maximum(number, 1.0)
         off = flat - mean[:, None]
-        return cls(number, mean, jnp.matmul(off * off, weight, precision=PRECISION))
+        return cls(number, mean, matmul(off * off, weight))
 
     def joined(self) -> Moments:
         """Those of all blocks together (Chan, Golub, LeVeque: Updating Formulae and a Pairwise Algorithm, 1979)."""

@@ -21,6 +21,8 @@ from flax import nnx
 from jax import Array
 from jaxtyping import Float
 
+from jaxsim.products import PRECISION
+
 _Raster = Float[Array, "b _h _w _c"]
 
 Mode = bool | Literal["renorm"]
@@ -84,7 +86,7 @@ def _convolve(x: Array, kernel: Array, *, stride: int = 1) -> Array:
         window_strides=(stride, stride),
         padding=((half, half), (half, half)),
         dimension_numbers=("NHWC", "HWIO", "NHWC"),
-        precision=jax.lax.Precision.HIGHEST,  # an accelerator's default would round inputs to fewer digits
+        precision=PRECISION,  # an accelerator's default would round inputs to fewer digits
     )
 
 
