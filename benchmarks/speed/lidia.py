@@ -4,7 +4,8 @@
 
 WEIGHTS.npz is a file that `jaxsim convert lidia` wrote. The peer is written here from the paper: brute-force search
 over 841 shifts by box-filtered differences, `torch.topk`, and the layers as `torch.nn.functional` has them; both run in
-float32 on the same threads and give the same image (the largest and mean difference are printed).
+float32 on the same threads, or on the GPU where both have one, and give the same image (the largest and mean difference
+are printed).
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ def in_torch(arrays: dict[str, np.ndarray]) -> Callable[[np.ndarray], np.ndarray
     import torch
     import torch.nn.functional as f
 
-    w = {name: torch.from_numpy(np.array(array)) for name, array in arrays.items()}
+    device = "cuda" if torch.cuda.is_available() and jax.default_backend() == "gpu" else "cpu"
+    torch.set_default_device(device)
+    w = {name: torch.from_numpy(np.array(array)).to(device) for name, array in arrays.items()}
     kernel = torch.tensor([0.25, 0.5, 0.25])
     kernel = (kernel[:, None] * kernel)[None, None]
 
@@ -81,7 +84,7 @@ def in_torch(arrays: dict[str, np.ndarray]) -> Callable[[np.ndarray], np.ndarray
 
     @torch.no_grad()
     def run(picture: np.ndarray) -> np.ndarray:
-        image, net = torch.from_numpy(picture)[None, None], "separable_fc_net"
+        image, net = torch.from_numpy(picture).to(device)[None, None], "separable_fc_net"
         mean = image.mean()
         image = image - mean
         near0, in0, size = scale(f.pad(image, [6] * 4, mode="reflect"), 1)
@@ -98,7 +101,7 @@ def in_torch(arrays: dict[str, np.ndarray]) -> Callable[[np.ndarray], np.ndarray
         share = torch.exp(-w["beta"].abs() * clean.var(-1, unbiased=False))[:, None]
         size = (size[0] + 6, size[1] + 6)
         total = f.fold((clean * share).T[None], size, 7) / f.fold(share.expand(-1, 49).T[None], size, 7)
-        return (total[0, 0, 6:-6, 6:-6] + mean).numpy()
+        return (total[0, 0, 6:-6, 6:-6] + mean).cpu().numpy()
 
     return run
 

@@ -7,6 +7,9 @@ Sites are the voxels of a KITTI scan ahead of the car (or, without a file, of a 
 0.05 x 0.05 x 0.1 m, at most 16000. spconv (`pip install spconv`, and torch) has no backward pass on a CPU, and its
 forward pass has a data race there with more than one thread (218 of 30000 rows wrong): it runs on one. The stage is
 the backbone's second: a strided convolution and two submanifold ones with ReLU, neighbours found anew on both sides.
+
+On a GPU there is XLA's form alone, and the peer of a convolution is PyTorch's on the same GPU with the same table: rows
+gathered and multiplied, a cell of the kernel after another, by autograd backwards.
 """
 
 from __future__ import annotations
@@ -87,7 +90,8 @@ def forms(function: Callable, *arguments) -> dict[str, Callable]:
     """The function as compiled programs of both forms, by name; the arguments only show their shapes."""
     compiled = {}
     asked = os.environ.get(build.SETTING, "1")
-    for name, setting in (("C++", asked), ("XLA", "0")):
+    both = (("C++", asked), ("XLA", "0"))
+    for name, setting in both if jax.default_backend() == "cpu" else both[1:]:
         os.environ[build.SETTING] = setting
         # A function of its own: programs of one function are traced once.
         compiled[name] = jax.jit(lambda *given: function(*given)).lower(*arguments).compile()
@@ -144,6 +148,33 @@ def stage_in_spconv(sites: Sites, features: np.ndarray, kernels: list[np.ndarray
     return run
 
 
+def on_gpu(features: np.ndarray, kernel: np.ndarray, table: np.ndarray) -> dict[str, Callable]:
+    """PyTorch's gathered rows and products of the same numbers, forward and with the gradient, on the GPU."""
+    import torch
+
+    x = torch.from_numpy(np.concatenate([features, np.zeros_like(features[:1])])).cuda().requires_grad_()
+    w = torch.from_numpy(kernel.reshape(-1, *kernel.shape[-2:])).cuda().requires_grad_()
+    places = torch.from_numpy(table.T.astype(np.int64)).cuda()
+
+    def product():
+        total = torch.zeros(table.shape[0], kernel.shape[-1], device="cuda")
+        for row, weights in zip(places, w, strict=True):
+            total = total + x[row] @ weights
+        return total
+
+    def forward() -> np.ndarray:
+        with torch.no_grad():
+            found = product()
+        torch.cuda.synchronize()
+        return found.cpu().numpy()
+
+    def both() -> None:
+        torch.autograd.grad((product() ** 2).sum(), (x, w))
+        torch.cuda.synchronize()
+
+    return {"torch": forward, "torch and backward": both}
+
+
 def compare_stages(sites: Sites, rng: np.random.Generator) -> None:
     """Times both, after checking that sites and features are the same."""
     low, high = STAGE
@@ -155,10 +186,10 @@ def compare_stages(sites: Sites, rng: np.random.Generator) -> None:
     ours = forms(lambda s, x, w: stage(s, x, w, capacity), sites, x, w)
     both = forms(jax.grad(lambda x, w, s: (stage(s, x, w, capacity)[1] ** 2).sum(), (0, 1)), x, w, sites)
     peers = timed(ours, sites, x, w)
-    theirs = stage_in_spconv(sites, features, kernels)
+    theirs = stage_in_spconv(sites, features, kernels) if jax.default_backend() == "cpu" else None
     if theirs is not None:
         places, values = theirs()
-        out, found = ours["C++"](sites, x, w)
+        out, found = next(iter(ours.values()))(sites, x, w)
         used = np.asarray(out.valid)
         order = np.lexsort(places.T[::-1])
         if not np.array_equal(np.asarray(out.zyx)[used], places[order]):
@@ -203,9 +234,14 @@ def main() -> None:
         forward = forms(sparse_conv, x, w, tables)
         both = forms(jax.grad(lambda x, w, t: (sparse_conv(x, w, t) ** 2).sum(), (0, 1)), x, w, tables)
         peers = timed(forward, x, w, tables)
-        theirs = in_spconv(sites, features, kernel)
+        found = np.asarray(next(iter(forward.values()))(x, w, tables))
+        if jax.default_backend() == "gpu":
+            gathered = on_gpu(features, kernel, np.asarray(tables.forward))
+            print(f"largest difference to torch: {np.abs(gathered['torch']() - found).max():.2g}")
+            peers |= gathered
+        theirs = in_spconv(sites, features, kernel) if jax.default_backend() == "cpu" else None
         if theirs is not None:
-            off = np.abs(theirs() - np.asarray(forward["C++"](x, w, tables))[np.asarray(sites.valid)]).max()
+            off = np.abs(theirs() - found[np.asarray(sites.valid)]).max()
             print(f"largest difference to spconv: {off:.2g}")
             peers["spconv"] = theirs
         peers |= timed(both, x, w, tables, what=" and backward")
