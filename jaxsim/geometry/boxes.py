@@ -22,6 +22,8 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.frame import Array, Boxes
 
 _NO_LENGTH_M = 1e-20
+_OUTLINE = (0, 1, 3, 4, 6)
+"""Of a box's numbers those of its outline from above: place, length, width and heading."""
 # Front left, front right, rear right, rear left, below and then above: OpenPCDet's order.
 _CORNERS = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))], np.float32
@@ -108,7 +110,9 @@ def _shared_area(a: Float[Array, "*b 7"], b: Float[Array, "*b 7"]) -> Float[Arra
 def _iou(shared: Float[Array, "*b"], size_a: Float[Array, "*b"], size_b: Float[Array, "*b"]) -> Float[Array, "*b"]:
     """Shared part of the union; 0 where both are empty."""
     union = size_a + size_b - shared
-    return jnp.clip(shared / jnp.where(union > 0, union, jnp.ones_like(union)), 0, 1)
+    share = jnp.clip(shared / jnp.where(union > 0, union, jnp.ones_like(union)), 0, 1)
+    # A number over itself need not be 1 on a GPU, whose division is off by its last bits.
+    return jnp.where((union > 0) & (shared >= union), jnp.ones_like(share), share)
 
 
 def _paired(a: Float[Array, "*b n c"], b: Float[Array, "*b m c"]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
@@ -123,14 +127,16 @@ def pair_overlap(a: Float[Array, "*b 7"], b: Float[Array, "*b 7"]) -> tuple[Floa
 
     Identical boxes give 1, touching ones 0; a box with a side of 0 or less has no overlap with any.
     """
-    shared = _shared_area(a, b)
+    (area_a, volume_a), (area_b, volume_b) = _sizes(a), _sizes(b)
+    # Outlines that are the same share all of it, whatever the sums of a device round.
+    one = jnp.stack([a[..., k] == b[..., k] for k in _OUTLINE]).all(0)
+    shared = jnp.where(one, area_a, _shared_area(a, b))
     top = jnp.minimum(a[..., 2] + a[..., 5] / 2, b[..., 2] + b[..., 5] / 2)
     bottom = jnp.maximum(a[..., 2] - a[..., 5] / 2, b[..., 2] - b[..., 5] / 2)
     # The same box must share its own height to the last bit, which top - bottom does not give far from 0.
     same = (a[..., 2] == b[..., 2]) & (a[..., 5] == b[..., 5])
     height = jnp.where(same, a[..., 5], top - bottom)
     volume = shared * jnp.maximum(height, 0)
-    (area_a, volume_a), (area_b, volume_b) = _sizes(a), _sizes(b)
     return _iou(shared, area_a, area_b), _iou(volume, volume_a, volume_b)
 
 
