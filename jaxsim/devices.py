@@ -10,7 +10,9 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
 import jax
 import numpy as np
@@ -20,6 +22,9 @@ from jaxtyping import PyTree
 from threadpoolctl import threadpool_limits
 
 _log = logging.getLogger(__name__)
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 DATA = "data"
 """The mesh's only axis: the batch is cut along it."""
@@ -161,5 +166,26 @@ def wait(name: str) -> None:
         multihost_utils.sync_global_devices(name)
 
 
-one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
-"""Decorator: NumPy's linear algebra on one thread, for BLAS's threads spin against XLA's for the same cores."""
+def by_small_steps(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorator of what runs thousands of small programs in turn with NumPy, and waits for each.
+
+    It computes on the CPU wherever JAX has one: a GPU begins such a program later than a CPU ends it, and adds up in no
+    fixed order (docs/benchmarks.md). JAX_PLATFORMS=cuda leaves JAX no CPU. NumPy's linear algebra is on one thread, for
+    BLAS's threads spin against XLA's for the same cores.
+    """
+
+    @wraps(function)
+    def run(*args: P.args, **named: P.kwargs) -> R:
+        with _on_cpu(), threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **named)
+
+    return run
+
+
+def _on_cpu() -> AbstractContextManager[object]:
+    if jax.default_backend() == "cpu":
+        return nullcontext()
+    try:
+        return jax.default_device(jax.local_devices(backend="cpu")[0])
+    except RuntimeError:  # JAX_PLATFORMS names no CPU
+        return nullcontext()

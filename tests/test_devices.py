@@ -11,12 +11,13 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
 from jaxsim import devices
-from jaxsim.devices import one_blas_thread
+from jaxsim.devices import by_small_steps
 from tests.programs import PATIENCE_S
 
 pytestmark = pytest.mark.long
@@ -178,7 +179,7 @@ def blas_threads() -> list[int]:
 def test_blas_has_one_thread_inside_and_as_many_as_before_after_an_error():
     before, inside = blas_threads(), []
 
-    @one_blas_thread
+    @by_small_steps
     def solve():
         inside.extend(blas_threads())
         raise ArithmeticError
@@ -188,3 +189,23 @@ def test_blas_has_one_thread_inside_and_as_many_as_before_after_an_error():
     assert before, "NumPy without a BLAS that threadpoolctl knows"
     assert set(inside) == {1}
     assert blas_threads() == before
+
+
+@pytest.mark.parametrize("has_cpu", [True, False])
+def test_small_steps_are_on_the_cpu_where_there_is_one_beside_an_accelerator(has_cpu, monkeypatch):
+    cpu, accelerator = jax.devices()[:2]  # of the tests' two CPUs the second stands for a GPU
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    if not has_cpu:
+
+        def none(backend: str) -> None:
+            raise RuntimeError(f"Unknown backend {backend}")
+
+        monkeypatch.setattr(jax, "local_devices", none)
+
+    @by_small_steps
+    def place():
+        return jnp.zeros(3).devices()
+
+    with jax.default_device(accelerator):
+        assert place() == {cpu if has_cpu else accelerator}
+        assert jnp.zeros(3).devices() == {accelerator}

@@ -19,7 +19,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.devices import one_blas_thread
+from jaxsim.devices import by_small_steps
 from jaxsim.discover.drawn import GridSums, map_sums
 from jaxsim.discover.gap import ERROR_UNITS, block_distances
 from jaxsim.discover.model.cast import Blocks, blocks
@@ -67,7 +67,7 @@ class HeldAnswer(NamedTuple):
     known: SensorModel
 
 
-@one_blas_thread
+@by_small_steps
 def judge_rest(
     comparison: Comparison, mounting: Mounting, by: HeldAnswer, *, size: int = 0
 ) -> tuple[EveryFrame, tuple[_Maps, _Maps]] | None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.devices import one_blas_thread
+from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.drawn import joined, rays_of, residual_curves, residual_maps, whole_frames
@@ -137,7 +137,7 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     return chain, refitted(in_place(null, chain)).noise
 
 
-@one_blas_thread
+@by_small_steps
 def judge_known(
     comparison: Comparison, answer: Mapping[str, Mapping[str, Any]]
 ) -> tuple[dict[str, Gap], Interval | None]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.devices import one_blas_thread
+from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added, add_effects
 from jaxsim.discover.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.explain import (
@@ -64,7 +64,7 @@ def discover_folders(
     return discover(comparison, effects=effects, known=known, nulls=nulls, every_frame=every_frame, log=log)
 
 
-@one_blas_thread
+@by_small_steps
 def discover(
     comparison: Comparison,
     *,
@@ -260,7 +260,7 @@ def verdict_fields(null: Problem, model: FittedAnswer, *, known: SensorModel) ->
     }
 
 
-@one_blas_thread
+@by_small_steps
 def disagreements(comparison: Comparison) -> tuple[Where, ...]:
     """Only the first step of `discover`, in seconds: on which covariates the find scenes' residuals depend, strongest
     first. Raises ValueError where the scenes are too few to decide anything."""

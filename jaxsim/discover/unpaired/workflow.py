@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.devices import one_blas_thread
+from jaxsim.devices import by_small_steps
 from jaxsim.discover.drawn import Bins, mean_on_grid
 from jaxsim.discover.explain import named, ranking
 from jaxsim.discover.gap import gap_of, share_of
@@ -47,7 +47,7 @@ UNIT = "root mean square error of ln I, levels of surfaces taken out"
 CURVE_UNIT = "ln I, measured minus the law of both sides"
 
 
-@one_blas_thread
+@by_small_steps
 def discover_unpaired(
     *, simulated: Path, measured: Path, per_scene: int = PER_SCENE, log: Log = lambda line: None
 ) -> Result:
