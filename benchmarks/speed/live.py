@@ -37,7 +37,8 @@ def main() -> None:
     range_m = np.random.default_rng(0).uniform(3, 60, SIZE).astype(np.float32)
     view = jaxsim.open_dataset("synthetic")[1920].camera
     with tempfile.TemporaryDirectory() as work:
-        unet = of_rays(drives, Path(work) / "unet").attach_rays(place)
+        unet = of_rays(drives, Path(work) / "unet")
+        four, once = unet.attach_rays(place), unet.looking(1).attach_rays(place)
         generator = of_rays(embedded, Path(work) / "generator").attach_rays(place)
         camera = jaxsim.load("embedded").attach(view)
 
@@ -47,7 +48,8 @@ def main() -> None:
     interleave(
         "live, batch 1",
         {
-            "64 x 1024 rays, U-Net": lambda: done(unet(range_m)),
+            "64 x 1024 rays, U-Net": lambda: done(four(range_m)),
+            "64 x 1024 rays, one look": lambda: done(once(range_m)),
             "64 x 1024 rays, generator": lambda: done(generator(range_m)),
             "view of 1242 x 375": lambda: done(camera(view)),
         },

@@ -60,6 +60,9 @@ class Simulate(Checked):
     grain: bool = True
     """Of draws: cells scatter together as measured ones do, by RUN/grain.json, which `jaxsim train` leaves of such a
     network and `jaxsim grain RUN` learns. With --no-grain each cell is drawn for itself, and clouds are speckled."""
+    looks: Literal[1, 2, 4] | None = None
+    """In how many ways a network of --generator.form unet looks at each frame; by default as many as its run says. 1
+    is three times as fast as 4, and less near."""
     seed: Whole = 0
     """Of what the effects and draws leave to chance; a frame depends on it and on its place in the data set."""
     cluster: str | None = None
@@ -91,6 +94,7 @@ class Simulate(Checked):
         """What simulates the data set's frames. Raises ValueError for flags that name what is not there."""
         known_effects(self.effects_from)
         learned = load_run(self.run)
+        learned = learned.looking(self.looks) if self.looks else learned
         # A network of one intensity a cell has nothing to draw from, and is told so at the first frame.
         together = self.draws and self.grain and learned.run.experiment.generator.form == "unet"
         return FrameMaker(

@@ -23,6 +23,7 @@ from jaxsim.devices import CUT, DATA, WHOLE, everywhere
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import compiler_options, on_cpu
 from jaxsim.pix2pix.layers import SpectralVector, fold_spectral_norm
+from jaxsim.pix2pix.looks import LOOKS
 from jaxsim.pix2pix.losses import (
     LossWeights,
     discriminator_loss,
@@ -297,7 +298,7 @@ def _average(experiment: Experiment, ema: PyTree, generator: Network, *, step: A
 
 def make_generate(experiment: Experiment, in_channels: int) -> Callable[[PyTree, Array], Array]:
     """Jitted (`TrainState.ema`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]; of a U-Net QUANTILES so, as far
-    from the median as `generator.widen` says, and the logit of a drop.
+    from the median as `generator.widen` says, and the logit of a drop, each the mean of `generator.looks`.
 
     Raises ValueError where a network without quantiles is to have them wider.
     """
@@ -309,7 +310,11 @@ def make_generate(experiment: Experiment, in_channels: int) -> Callable[[PyTree,
         raise ValueError(f"generator.widen is {widen}; {form} gives no quantiles that could be wider: only unet does")
 
     def generate(parameters: PyTree, inputs: Float[Array, "b h w c"]) -> Float[Array, "b h w k"]:
-        outputs = nnx.merge(definition, parameters)(inputs)
+        network = nnx.merge(definition, parameters)
+        if form != "unet":
+            return network(inputs)
+        answers = [look.back(network(look.at(inputs)), inputs.shape[1]) for look in LOOKS[: experiment.generator.looks]]
+        outputs = jnp.mean(jnp.stack(answers), axis=0)
         if widen == 1:
             return outputs
         quantiles, rest = outputs[..., : len(QUANTILES)], outputs[..., len(QUANTILES) :]

@@ -8,7 +8,7 @@ the resulting points lie where the LiDAR would have them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -35,20 +35,6 @@ SIZE = 0.03
 VIEW = 0.05
 """By how much aspect ratio, size and field of view may differ. KITTI's own images (1224 x 370 .. 1242 x 376) differ by
 0.004 in aspect ratio and by 0.015 in size."""
-
-
-class Look(NamedTuple):
-    """A window as a network may see it: in a mirror or not, and with rows added that repeat those beside them in
-    reverse."""
-
-    mirrored: bool
-    above: int = 0
-    below: int = 0
-
-
-LOOKS = (Look(False), Look(True), Look(False, above=6, below=10), Look(True, above=11, below=5))
-"""How a network that gives a distribution looks at a window. With 16 more rows in all its halvings fill up no more than
-without; rows that they put together come apart, lifted by 11 at once, by 6 one halving deeper."""
 
 
 @struct.dataclass
@@ -145,21 +131,16 @@ def predict_cells(
     """What the network says of each cell of the polar window. `row_share` is each beam's place in the sensor, 0 top,
     1 bottom.
 
-    The window is scaled to the network's size cell by cell and back, so each cell keeps its own answer. A network
-    that gives a distribution looks at each window several times (`LOOKS`), and the mean of its answers counts.
+    The window is scaled to the network's size cell by cell and back, so each cell keeps its own answer.
     """
     *batch, rows, columns = incidence_rad.shape
     row_shares = jnp.broadcast_to(row_share, incidence_rad.shape[:-1])[..., None]
     inputs = network_inputs(painted, incidence_rad, row_shares, prepare=prepare)
     inputs = inputs.reshape(-1, *inputs.shape[-3:])
     outputs = generate(params, inputs)
-    distribution = outputs.shape[-1] > len(QUANTILES)
-    if distribution:
-        # Mirrored, the window is of another street of the same sensor; lifted, its rows are told by what they show and
-        # not by their place. Errors of the answers partly cancel.
-        outputs = jnp.mean(jnp.stack([_answer(generate, params, inputs, look=look) for look in LOOKS]), axis=0)
     channels = jnp.moveaxis(outputs, -1, 0).reshape(outputs.shape[-1], *batch, *outputs.shape[1:3])
     channels = resample(channels, (rows, columns), batch_dims=len(batch) + 1)
+    distribution = outputs.shape[-1] > len(QUANTILES)
     # The generator's -1..1 is intensity 0..1, here put on the steps that the sensor reports.
     values = (channels + 1) / 2
     if not distribution:
@@ -170,14 +151,6 @@ def predict_cells(
     # The last channel is a logit, not on the scale of intensities.
     share = jax.nn.sigmoid(channels[-1])
     return Prediction(_on_steps(quantiles[..., QUANTILES.index(0.5)]), share > 0.5, quantiles, share)
-
-
-def _answer(generate: Generate, params: Any, inputs: Float[Array, "b h w c"], *, look: Look) -> Float[Array, "b h w k"]:
-    """A network's answer to one look, each cell where it is without."""
-    seen = inputs[:, :, ::-1] if look.mirrored else inputs
-    outputs = generate(params, jnp.pad(seen, ((0, 0), (look.above, look.below), (0, 0), (0, 0)), mode="reflect"))
-    outputs = outputs[:, look.above : look.above + inputs.shape[1]]
-    return outputs[:, :, ::-1] if look.mirrored else outputs
 
 
 def _on_steps(intensity: _Cells) -> _Cells:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -56,6 +57,19 @@ class LearnedSensor:
         run = self.run
         settings = (run.experiment.prepare, run.experiment.generator, run.spec, run.intrinsics, run.cam_from_velo)
         return digest_of_values(jax.tree.leaves(self.params), after=repr(settings))
+
+    def looking(self, ways: Literal[1, 2, 4]) -> LearnedSensor:
+        """The same sensor, of a network that looks at each window in so many ways (`generator.looks`).
+
+        Raises ValueError where the network is not one that does.
+        """
+        experiment = self.run.experiment
+        if experiment.generator.form != "unet":
+            raise ValueError(
+                f"simulate: a unet looks several ways, {experiment.generator.form} does not; leave looks out"
+            )
+        experiment = replace(experiment, generator=replace(experiment.generator, looks=ways))
+        return LearnedSensor(replace(self.run, experiment=experiment), self.params)
 
     @property
     def rows(self) -> int:

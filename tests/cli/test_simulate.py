@@ -51,4 +51,4 @@ def test_a_clusters_workers_write_the_files_of_the_plain_command(run, tmp_path, 
     main([*command, str(tmp_path / "spread"), "--cluster", scheduler])
     made = files_of(tmp_path / "spread")
     assert made == files_of(tmp_path / "plain")
-    assert len(made) == 2 + 2 * 3 + 2
+    assert len(made) == 3 + 2 * 3 + 2  # grid, settings, page; a cloud and a frame each; two pictures

@@ -13,7 +13,7 @@ from jaxsim.pix2pix import create_state, make_generate, make_train_step
 from jaxsim.pix2pix.losses import drop_loss, quantile_loss
 from jaxsim.pix2pix.unet import UNet
 
-CONFIG = GeneratorConfig(form="unet", filters=4, downsamples=2, blocks=1, enhancers=0)
+CONFIG = GeneratorConfig(form="unet", filters=4, downsamples=2, blocks=1, enhancers=0, looks=1)
 EXPERIMENT = Experiment(
     generator=CONFIG,
     loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0, drops=0.3),
