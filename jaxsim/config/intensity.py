@@ -41,8 +41,8 @@ class GeneratorConfig(Checked):
     that it learned from than of others; how much is told by drives that it has not seen. Nothing is trained by it."""
     looks: Literal[1, 2, 4] = 4
     """Of `unet`: in how many ways it looks at a window for the mean of its answers: 1 as it is, 2 also in a mirror, 4
-    both also lifted by some rows. Four are nearer on unseen drives and take three times as long as one. Nothing is trained
-    by it."""
+    both also lifted by some rows. Four are nearer on unseen drives, and take three times as long as one. Nothing is
+    trained by it."""
 
     @property
     def channels(self) -> int:
