@@ -10,7 +10,7 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, suppress
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
@@ -182,10 +182,20 @@ def by_small_steps(function: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-def _on_cpu() -> AbstractContextManager[object]:
-    if jax.default_backend() == "cpu":
-        return nullcontext()
+@contextmanager
+def _on_cpu() -> Iterator[None]:
+    cpu = None
+    if jax.default_backend() != "cpu":
+        with suppress(RuntimeError):  # JAX_PLATFORMS names no CPU
+            cpu = jax.local_devices(backend="cpu")[0]
+    if cpu is None:
+        yield
+        return
+    before = jax.config.jax_default_device  # type: ignore
+    # Of the process, for a thread that is begun within knows nothing of a context.
+    jax.config.update("jax_default_device", cpu)
     try:
-        return jax.default_device(jax.local_devices(backend="cpu")[0])
-    except RuntimeError:  # JAX_PLATFORMS names no CPU
-        return nullcontext()
+        with jax.default_device(cpu):
+            yield
+    finally:
+        jax.config.update("jax_default_device", before)

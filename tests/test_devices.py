@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -202,10 +203,17 @@ def test_small_steps_are_on_the_cpu_where_there_is_one_beside_an_accelerator(has
 
         monkeypatch.setattr(jax, "local_devices", none)
 
-    @by_small_steps
     def place():
         return jnp.zeros(3).devices()
 
-    with jax.default_device(accelerator):
-        assert place() == {cpu if has_cpu else accelerator}
-        assert jnp.zeros(3).devices() == {accelerator}
+    @by_small_steps
+    def places():
+        with ThreadPoolExecutor(1) as pool:
+            return [place(), pool.submit(place).result()]
+
+    jax.config.update("jax_default_device", accelerator)
+    try:
+        assert places() == 2 * [{cpu if has_cpu else accelerator}]
+        assert place() == {accelerator}
+    finally:
+        jax.config.update("jax_default_device", None)
