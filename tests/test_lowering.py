@@ -30,6 +30,8 @@ from jaxsim.frame import CameraFrame, Cloud, DepthFrame
 from jaxsim.geometry import points_to_polar, polar_to_points, preset
 from jaxsim.geometry.boxes import nms_bev
 from jaxsim.metrics import bev
+from jaxsim.metrics.inception import random_extractor
+from jaxsim.metrics.sliced_wasserstein import sliced
 from jaxsim.pix2pix import make_train_step, state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.prepare.denoise.lidia import Variant, apply, from_published, published_shapes
@@ -156,11 +158,21 @@ def clouds() -> Program:
     return there_and_back, (Cloud(f32(500, 3), f32(500), f32(500, dtype=jnp.bool_), row=f32(500, dtype=jnp.int32)),)
 
 
+def distances() -> Program:
+    """Of patches and of histograms, and what Inception sees."""
+    extractor = random_extractor(64)
+
+    def compared(a: Any, b: Any, directions: Any, difference: Any, images: Any) -> tuple[Any, ...]:
+        return sliced(a, b, directions), bev._spectral_squares(difference), extractor(images)
+
+    return compared, (f32(20, 49), f32(20, 49), f32(49, 8), f32(2, 12, 10), f32(1, 32, 64, 1))
+
+
 def boxes() -> Program:
     return partial(nms_bev, keep=8, consider=16), (f32(40, 7), f32(40), f32())
 
 
-EXACT = (denoising, discovery, null_model, clouds, boxes)
+EXACT = (denoising, discovery, null_model, clouds, distances, boxes)
 NETWORKS = (simulation, intensity_training, detection)
 """Whose layers take what the device prefers."""
 LONG = (detector_training, depth_training)
