@@ -32,7 +32,7 @@ from benchmarks.blind.hidden.outside import OUTSIDE
 from benchmarks.blind.hidden.plan import Plan
 from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import append_row, code_version, read_rows
-from jaxsim.devices import one_blas_thread
+from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import add_effects
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.gap import distance
@@ -70,7 +70,7 @@ def main(argv: list[str] | None = None) -> None:
     print(text)
 
 
-@one_blas_thread
+@by_small_steps
 def run(job: Job, folder: Path) -> Row:
     """One case from its making to the two gains."""
     shutil.rmtree(folder, ignore_errors=True)

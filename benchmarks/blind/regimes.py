@@ -32,7 +32,7 @@ from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import rate
 from jaxsim.compilation import enable_compilation_cache
-from jaxsim.devices import one_blas_thread
+from jaxsim.devices import by_small_steps
 from jaxsim.discover import Comparison, discover, read_comparison
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.model.fit import fit
@@ -146,7 +146,7 @@ def bias(effect: Effect, found: Mapping[str, Any], true: Mapping[str, Any]) -> f
     return float(found_ @ true_ / (true_ @ true_) - 1)
 
 
-@one_blas_thread
+@by_small_steps
 def oracle(comparison: Comparison, effect: Effect, part: Mapping[str, Any], true: Mapping[str, Any]) -> dict[str, Any]:
     """The hidden effect fitted to the find scenes in its true part."""
     null = find_dependences(Division.of(comparison)).null

@@ -28,7 +28,7 @@ from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.plan import DEVELOPMENT
 from benchmarks.blind.rows import append_row, code_version, read_rows
 from benchmarks.blind.tables import rate
-from jaxsim.devices import one_blas_thread
+from jaxsim.devices import by_small_steps
 from jaxsim.discover import Comparison, read_comparison
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.read import NOTHING_YET, Division
@@ -89,7 +89,7 @@ def _key(simulator: str, pattern: str, number: int) -> str:
     return f"{simulator} {pattern or 'null'} {number}"
 
 
-@one_blas_thread
+@by_small_steps
 def run(simulator: str, pattern: str, number: int, *, folder: Path, first: int) -> Row:
     """One case: made, the null fitted, what repeats found and, of planted ones, learned."""
     nuisance = NUISANCES[number % 2]

@@ -13,9 +13,6 @@ import tyro
 
 from jaxsim.cli.source import SAME, DataSource
 from jaxsim.config.ranges import Checked
-from jaxsim.simulate.frames import write_pairs
-from jaxsim.simulate.lambert import write_lambert
-from jaxsim.simulate.sensor import load
 
 _log = logging.getLogger(__name__).info
 NOT_UNPAIRED = {
@@ -71,6 +68,10 @@ class Sides(Checked):
                     "discover: a run and --measured or --simulated were given; a run is held against the scans of its "
                     "data set (--data.kind, --data.root): give one or the other"
                 )
+            # Networks and their checkpoints, which two folders need not wait for.
+            from jaxsim.simulate.frames import write_pairs
+            from jaxsim.simulate.sensor import load
+
             sensor = load(self.run)
             dataset, positions = self.data.open(sensor.run.experiment.data, frames=self.frames)
             return write_pairs(sensor, dataset, positions, out=self.out, log=_log)
@@ -80,6 +81,8 @@ class Sides(Checked):
         sensed = _folder("--measured", self.measured)
         if not self.lambert:
             return _folder("--simulated", self.simulated), sensed
+        from jaxsim.simulate.lambert import write_lambert
+
         written = write_lambert(sensed, self.out)
         _log(f"{written}: Lambert's law on the measured ranges; of ranges and losses nothing can be asked")
         return written, sensed

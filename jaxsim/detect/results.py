@@ -15,7 +15,7 @@ from jaxtyping import Float, Float32
 from jaxsim.detect.scenes import View
 from jaxsim.files import write_text
 from jaxsim.frame import Boxes
-from jaxsim.geometry.boxes import camera_boxes, wrapped_heading
+from jaxsim.geometry.boxes import camera_boxes, corners_of, wrapped_heading
 
 # Corners nearer than this, or behind the camera, have no pixel that says anything.
 NEAR_M = 0.1
@@ -29,15 +29,6 @@ class Detected:
     """Boxes in `velo`."""
     score: Float32[np.ndarray, " n"]
     """0..1."""
-
-
-def corners_of(boxes: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "n 8 3"]:
-    """Corners on the host: front left, front right, rear right, rear left, first below and then above."""
-    signs = [[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))]
-    local = np.asarray(boxes, np.float64)[:, None, 3:6] * np.array(signs)
-    cos, sin = np.cos(boxes[:, None, 6]), np.sin(boxes[:, None, 6])
-    x, y = cos * local[..., 0] - sin * local[..., 1], sin * local[..., 0] + cos * local[..., 1]
-    return np.stack([x, y, local[..., 2]], axis=-1) + boxes[:, None, :3]
 
 
 def outlines(boxes: Float[np.ndarray, "n 7"], view: View) -> Float[np.ndarray, "n 4"]:

@@ -56,6 +56,14 @@ def box_corners(boxes: Float[Array, "*b n 7"]) -> Float[Array, "*b n 8 3"]:
     return boxes[..., None, :3] + turned
 
 
+def corners_of(boxes: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "n 8 3"]:
+    """`box_corners` on the host, in float64."""
+    offset = np.asarray(boxes, np.float64)[:, None, 3:6] * _CORNERS
+    cos, sin = np.cos(boxes[:, None, 6]), np.sin(boxes[:, None, 6])
+    x, y = cos * offset[..., 0] - sin * offset[..., 1], sin * offset[..., 0] + cos * offset[..., 1]
+    return np.stack([x, y, offset[..., 2]], axis=-1) + boxes[:, None, :3]
+
+
 @jax.jit
 def points_in_boxes(xyz_m: Float[Array, "*b p 3"], boxes: Float[Array, "*b n 7"]) -> Bool[Array, "*b p n"]:
     """Which points lie in which boxes; a point on a face is inside. A box with a side of 0 or less holds none."""

@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 
-from jaxsim.detect.results import NEAR_M, Detected, corners_of
+from jaxsim.detect.results import NEAR_M, Detected
 from jaxsim.detect.scenes import Scene, View
-from jaxsim.report.pictures import LIGHT_INK, Rgb
+from jaxsim.geometry.boxes import corners_of
+from jaxsim.report.pictures import FOUND, LABEL, LIGHT_INK, Rgb
 
-LABEL, FOUND = (90, 200, 90), (255, 150, 40)
-"""Green: labelled. Orange: found."""
 BOX_EDGES = [(k, (k + 1) % 4) for k in range(4)]
 BOX_EDGES += [(a + 4, b + 4) for a, b in BOX_EDGES] + [(k, k + 4) for k in range(4)]
 

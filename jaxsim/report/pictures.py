@@ -17,6 +17,8 @@ Rgb = UInt8[np.ndarray, "_ _ 3"]
 Raster = Float[np.ndarray, "rows columns"]
 _Mask = Bool[np.ndarray, "rows columns"]
 NO_RETURN = np.array([38, 38, 42], np.uint8)
+LABEL, FOUND = (90, 200, 90), (255, 150, 40)
+"""Green: labelled. Orange: found."""
 LIGHT_INK = (232, 232, 232)
 
 # Cityscapes colours by class id, for the classes that street data sets label.

@@ -13,11 +13,11 @@ from jaxtyping import Float, Float32, Int, UInt8, UInt16
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
-from jaxsim.detect.results import corners_of
 from jaxsim.files import write_text
-from jaxsim.report.boxes import FOUND, LABEL
+from jaxsim.geometry.boxes import corners_of
 from jaxsim.report.numbers import number
 from jaxsim.report.page import EMPTY, explorer, paragraph, section, shows, table, whole_page
+from jaxsim.report.pictures import FOUND, LABEL
 
 MOST_BYTES = 3_500_000
 """Of all scenes of a page, as they are written: with its figures and tables it stays below four megabytes."""

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from jaxsim.detect.results import Detected, box_lines, corners_of, outlines, result_lines
+from jaxsim.detect.results import Detected, box_lines, outlines, result_lines
 from jaxsim.detect.scenes import scene_of_frame
-from jaxsim.geometry.boxes import box_corners
 from tests.detect.tiny import VIEW
 
 
@@ -20,11 +19,6 @@ def test_result_lines_are_the_labels_of_the_same_boxes(kitti):
     np.testing.assert_allclose(np.float64(result[8:15]), np.float64(wanted[8:]), atol=2e-3)
     np.testing.assert_allclose(float(result[3]), float(wanted[3]), atol=2e-2)
     np.testing.assert_allclose(np.float64(result[4:8]), np.float64(wanted[4:8]), atol=4)  # drawn by hand
-
-
-def test_corners_are_those_of_the_kernel():
-    boxes = np.random.default_rng(0).uniform(1, 4, (9, 7)).astype(np.float32)
-    np.testing.assert_allclose(corners_of(boxes), box_corners(boxes), atol=1e-5)
 
 
 def test_a_box_behind_the_camera_has_a_finite_outline():

@@ -10,6 +10,7 @@ from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import (
     box_corners,
     camera_boxes,
+    corners_of,
     iou_2d,
     iou_3d,
     iou_bev,
@@ -76,6 +77,11 @@ def overlaps(a, b):
     area_a, area_b = a[:, 3] * a[:, 4], b[:, 3] * b[:, 4]
     volume = shared * np.maximum(top - bottom, 0)
     return shared / (area_a + area_b - shared), volume / (area_a * a[:, 5] + area_b * b[:, 5] - volume)
+
+
+def test_corners_on_the_host_are_those_of_the_kernel():
+    boxes = np.random.default_rng(0).uniform(1, 4, (9, 7)).astype(np.float32)
+    np.testing.assert_allclose(corners_of(boxes), box_corners(boxes), atol=1e-5)
 
 
 def test_overlaps_are_the_golden_ones(golden):

@@ -6,7 +6,8 @@ import pytest
 from jaxsim.data import KittiObject
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import scene_of_frame
-from jaxsim.report.boxes import FOUND, LABEL, detection_picture, draw_above, draw_on_image
+from jaxsim.report.boxes import detection_picture, draw_above, draw_on_image
+from jaxsim.report.pictures import FOUND, LABEL
 
 RANGE_M = (0.0, -40.0, -3.0, 70.4, 40.0, 1.0)
 FRAMES = (0, 1, 2)

@@ -12,7 +12,7 @@ import pytest
 
 from jaxsim.detect.results import Detected
 from jaxsim.effects.chain import SensorModel
-from jaxsim.report.boxes import FOUND, LABEL
+from jaxsim.report.pictures import FOUND, LABEL
 from jaxsim.studies.real2sim2real import Loop, claim_loop
 from jaxsim.studies.real2sim2real.page import PANEL, draw_kinds
 from jaxsim.studies.real2sim2real.stages import Stages
