@@ -13,9 +13,8 @@ experiment = Experiment(
         depth="ip_basic",
         network_size=(44, 372),  # the window itself
     ),
-    generator=GeneratorConfig(
-        form="unet", filters=4, downsamples=0, enhancers=0, looks=1
-    ),  # each cell for itself, however often it is looked at
+    # Each cell for itself: it gives the same answer however it is looked at.
+    generator=GeneratorConfig(form="unet", filters=4, downsamples=0, enhancers=0, looks=1),
     loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0, drops=0.05, occluded_weight=1.0),
     optim=OptimConfig(
         lr=5e-3,
