@@ -73,15 +73,7 @@ def main(root: Path, out: Path, flags: Sequence[str]) -> None:
         run, first, last = out / "runs" / drive, frames[0], frames[-1]
         if not (run / "card.md").is_file():
             of_data = ["--data.root", root, "--data.cache", data.cache, "--data.train", f"{first}-{last}"]
-            arguments = [
-                *of_data,
-                "--data.validation",
-                f"{first}-{first}",
-                "--run.out",
-                run.parent,
-                "--run.name",
-                drive,
-            ]
+            of_run = ["--data.validation", f"{first}-{first}", "--run.out", run.parent, "--run.name", drive]
             if status := train_apart(CONFIG, *map(str, [*of_data, *of_run]), *flags):
                 sys.exit(f"error: training {run} ended with status {status}; the same command resumes")
         sensor = jaxsim.load(run)
