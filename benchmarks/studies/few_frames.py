@@ -92,6 +92,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("root", type=Path)
     parser.add_argument("out", type=Path)
-    arguments, more = parser.parse_known_args()
+    given = sys.argv[1:]
+    stop = given.index("--") if "--" in given else len(given)
     enable_compilation_cache()
-    main(arguments.root, arguments.out, more[1:] if more[:1] == ["--"] else more)
+    main(**vars(parser.parse_args(given[:stop])), flags=given[stop + 1 :])
