@@ -10,7 +10,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -181,7 +181,7 @@ def write_trained(path: Path, kind: str, arrays: Arrays) -> None:
 def read_once(read: Callable[[Path], _Network]) -> Callable[[Path], _Network]:
     """`read`, which is asked again only where the file has changed: one of the same name may hold other weights."""
     kept = lru_cache(maxsize=4)(lambda path, _: read(path))
-    return lambda path: kept(path, path.stat().st_mtime_ns if path.is_file() else 0)
+    return wraps(read)(lambda path: kept(path, path.stat().st_mtime_ns if path.is_file() else 0))
 
 
 def weights_kind(path: Path) -> str | None:
