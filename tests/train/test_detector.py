@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.detect.steps import create_state
+from jaxsim.detect.steps import _create
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, load_run, start_run
 from tests.detect.tiny import EXPERIMENT, scene
@@ -76,7 +76,8 @@ def test_a_detector_killed_in_its_first_epoch_ends_with_the_weights_of_an_uninte
     assert not (checkpoints / "3").exists(), "it was in its second epoch already"
     assert "resuming" in run(work, *command)
     killed, whole = (work / "runs" / name for name in ("killed", "voxel_rcnn_small"))
-    shapes = jax.eval_shape(lambda: create_state(load_run(whole, DetectorRun).experiment, 4, seed=0))
+    experiment = load_run(whole, DetectorRun).experiment
+    shapes = jax.eval_shape(lambda: _create(experiment, 4, jax.random.key(0)))
     states = [Checkpoints(folder).restore("state", shapes) for folder in (killed, whole)]
     assert [int(state.step) for state in states] == [4, 4]
     jax.tree.map(np.testing.assert_array_equal, *states)
