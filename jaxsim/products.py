@@ -2,7 +2,7 @@
 
 An NVIDIA GPU rounds the factors of a float32 product to 11 significant bits (TF32), and a TPU to 8 (bfloat16), unless
 it is told otherwise. Training bears that in its networks' layers; geometry, statistics and what repeats a published
-number do not: in 11 bits 50 m are 2 cm off, and normal equations of a million rays have no inverse.
+number do not: in 11 bits 50 m are up to 2 cm off.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
     python benchmarks/studies/few_frames.py KITTI_RAW OUT [-- --flags of train.py]
 
-Each drive of four frames and more trains `configs/kitti_few` on its first four (half a minute on one core), and is
+Each drive of four frames and more trains `configs/kitti_few` on its first four (a dozen seconds on one core), and is
 judged on every other drive, beside the median of each row of the same four frames. Prints a table of the pairs in which
 the network is worse, and writes all of them to OUT/pairs.json. What is done is kept in OUT: the same command goes on.
 """
