@@ -70,7 +70,7 @@ def _as(first: Experiment, other: Experiment) -> Experiment:
     return replace(
         other,
         data=replace(other.data, root=first.data.root, cache=first.data.cache),
-        generator=replace(other.generator, widen=first.generator.widen),
+        generator=replace(other.generator, widen=first.generator.widen, looks=first.generator.looks),
         optim=replace(other.optim, start=first.optim.start),
         run=first.run,
     )

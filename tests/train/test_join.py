@@ -66,6 +66,12 @@ def test_joined_again_it_is_the_same_run_and_other_runs_are_refused_there(runs, 
         join_runs(runs[:2], out)
 
 
+def test_what_trains_nothing_may_differ_and_is_the_firsts(runs, tmp_path):
+    other = trained_apart(tmp_path / "other", 8, generator=replace(EXPERIMENT.generator, widen=1.3, looks=2))
+    join_runs([runs[0], other], tmp_path / "joined")
+    assert load_run(tmp_path / "joined").experiment.generator == replace(EXPERIMENT.generator, members=2)
+
+
 def test_what_cannot_be_joined_is_refused(runs, tmp_path):
     first = runs[0]
     with pytest.raises(ValueError, match="name two runs or more, each once"):
