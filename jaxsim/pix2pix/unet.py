@@ -15,7 +15,7 @@ from itertools import pairwise
 import jax
 import jax.numpy as jnp
 from flax import nnx
-from jaxtyping import Float
+from jaxtyping import Float, PyTree
 
 from jaxsim.config import GeneratorConfig
 from jaxsim.frame import Array
@@ -119,6 +119,17 @@ class Ensemble(nnx.Module):
             )
         shares = jnp.split(inputs, len(self.members))
         return jnp.concatenate([member(share, train=True) for member, share in zip(self.members, shares, strict=True)])
+
+
+def cells_alone(parameters: PyTree) -> PyTree:
+    """The parameters of a U-Net, or of several, with which each cell answers from its own inputs alone: what its
+    surroundings add at the join is 0."""
+    if "members" in parameters:
+        return parameters | {"members": {k: cells_alone(member) for k, member in parameters["members"].items()}}
+    kernel = jnp.asarray(parameters["join"]["kernel"])
+    # A cell's own channels come first, as many as come out.
+    own = kernel.at[:, :, kernel.shape[-1] :].set(0.0)
+    return parameters | {"join": parameters["join"] | {"kernel": own}}
 
 
 def _halved(x: Float[Array, "b h w c"]) -> Float[Array, "b h/2 w/2 c"]:

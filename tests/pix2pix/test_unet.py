@@ -11,7 +11,7 @@ from flax import nnx
 from jaxsim.config import QUANTILES, Experiment, GeneratorConfig, LossConfig, OptimConfig
 from jaxsim.pix2pix import create_state, make_generate, make_train_step
 from jaxsim.pix2pix.losses import drop_loss, quantile_loss
-from jaxsim.pix2pix.unet import UNet
+from jaxsim.pix2pix.unet import UNet, cells_alone
 
 CONFIG = GeneratorConfig(form="unet", filters=4, downsamples=2, blocks=1, enhancers=0, looks=1)
 EXPERIMENT = Experiment(
@@ -48,6 +48,17 @@ def test_without_halvings_each_cell_answers_for_itself():
     x = jax.random.normal(jax.random.key(0), (1, 3, 5, 3))
     changed = np.argwhere(np.abs(network(x) - network(x.at[0, 1, 2].set(5.0)))[0].max(-1) > 0)
     assert changed.tolist() == [[1, 2]]
+
+
+@pytest.mark.parametrize("members", [1, 2])
+def test_without_its_surroundings_each_cell_answers_for_itself(members):
+    experiment = replace(EXPERIMENT, generator=replace(CONFIG, members=members))
+    parameters, generate = create_state(experiment, 3, seed=0).ema, make_generate(experiment, 3)
+    x = jax.random.normal(jax.random.key(0), (1, 8, 16, 3))
+    changed = x.at[0, 4, 9].set(5.0)
+    away = lambda p: np.abs(generate(p, x) - generate(p, changed))[0].max(-1) > 0  # noqa: E731
+    assert np.argwhere(away(cells_alone(parameters))).tolist() == [[4, 9]]
+    assert away(parameters).sum() > 9
 
 
 def test_the_quantile_loss_is_least_at_the_quantiles():

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from jaxsim.cli import main
-from jaxsim.config import Experiment, OptimConfig
+from jaxsim.config import DataConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig, PrepareConfig
 from jaxsim.data.polar_frames import read_frame, read_grid
+from jaxsim.pix2pix.unet import cells_alone
 from jaxsim.train.intensity import intensity_training
 from tests.programs import ROOT, SMALL, running, said, wait_until
 
@@ -209,6 +210,26 @@ def test_the_readmes_first_lines_make_a_point_cloud(work):
 def test_a_part_that_is_larger_than_what_it_is_cut_out_of_is_refused(part):
     with pytest.raises(ValueError, match=f"--optim.{part} 5000 cannot be cut out of"):
         intensity_training(Experiment(optim=OptimConfig(**{part: 5000})))
+
+
+def test_a_network_that_hears_nothing_of_the_surroundings_says_so(tmp_path, caplog):
+    unet = GeneratorConfig(form="unet", filters=4, downsamples=1, blocks=1, enhancers=0, looks=1)
+    training = intensity_training(
+        Experiment(
+            data=DataConfig(kind="synthetic", train="0-1", validation="2-2", cache=tmp_path),
+            prepare=PrepareConfig(columns=64, network_size=(64, 128)),
+            generator=unet,
+            loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0),
+            optim=OptimConfig(batch=2),
+        )
+    )
+    network = training.state.ema
+    network["head"]["kernel"] = 10 * network["head"]["kernel"]  # as a learned one's: at the start all answers are alike
+    training.validate(network, 0)
+    assert "silent" not in caplog.text
+    training.validate(cells_alone(network), 0)
+    assert "each cell answers from its own inputs alone" in caplog.text
+    assert "--optim.warm-up" in caplog.text
 
 
 def test_the_papers_experiment_asks_for_vgg_before_it_reads_any_data(work, told):
