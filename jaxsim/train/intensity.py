@@ -136,8 +136,9 @@ def _warn_of_silence(predict: Predict, params: PyTree, pair: Pair) -> None:
     """A first large step can leave what a U-Net gathers of the surroundings below 0 in every cell: it is heard no more
     and learns no more, and nothing else tells. Of 20 networks that learned from drives intensities changed by 0.04 or
     more without their surroundings, of one with too large a rate by 0."""
-    told, alone = (np.asarray(predict(p, pair).intensity) for p in (params, cells_alone(params)))
-    change = np.abs(told - alone)[np.asarray(pair.painted.valid)].mean()
+    told = predict(params, pair).intensity
+    alone = predict(cells_alone(params), pair).intensity
+    change = np.abs(np.asarray(told) - np.asarray(alone))[np.asarray(pair.painted.valid)].mean()
     if change < STEP / 2:
         _log.warning(
             f"each cell answers from its own inputs alone (without its surroundings intensities change by {change:.4f} "
