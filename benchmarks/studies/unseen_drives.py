@@ -176,15 +176,16 @@ def scatter(of_network: Mapping[str, float], of_trees: Mapping[str, float], fram
         canvas.text(margin + place(tick), bottom + 17, label(tick), anchor="middle", size=11, colour=FAINT)
         canvas.text(margin - 7, bottom - place(tick) + 4, label(tick), anchor="end", size=11, colour=FAINT)
     canvas.line([(margin, bottom), (margin + size, margin / 2)], colour=FAINT)
-    # Dots first: none lies on another drive's name.
-    for drive, error in of_network.items():
-        x, y = margin + place(of_trees[drive]), bottom - place(error)
+    dots = {drive: (margin + place(of_trees[drive]), bottom - place(error)) for drive, error in of_network.items()}
+    for drive, (x, y) in dots.items():
         canvas.dot(x, y, colour=AFTER, radius=3 + frames[drive] ** 0.5 / 2)
-    last = -size
-    for drive, error in sorted(of_network.items(), key=lambda entry: -entry[1]):
-        # Names below one another stay apart.
-        last = max(bottom - place(error), last + 12)
-        canvas.text(margin + place(of_trees[drive]) + 9, last + 4, drive, size=11)
+    # Names stay clear of the dots, and of one another.
+    taken = [*dots.values()]
+    for drive, (x, y) in sorted(dots.items(), key=lambda entry: entry[1][1]):
+        while any(x + 1 < tx < x + 40 and abs(ty - y) < 11 for tx, ty in taken):
+            y += 1
+        canvas.text(x + 9, y + 4, drive, size=11)
+        taken += [(x + 9 + step, y) for step in (0, 13, 26)]
     canvas.text(
         margin + size / 2, bottom + 40, "trees with context, mean absolute error of a drive", anchor="middle", size=13
     )
