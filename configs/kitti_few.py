@@ -1,4 +1,5 @@
-"""Few real frames, of one drive: what each laser line answers to range and angle, and nothing of the image.
+"""Few real frames, of one drive: what each laser line answers to range and angle, and nothing of the image; so that it
+learns from all round the car, not from where the camera looks alone.
 
 jaxsim train kitti_few --data.root KITTI_RAW
 jaxsim eval runs/kitti_few
@@ -14,20 +15,21 @@ experiment = Experiment(
         network_size=(44, 372),  # the window itself
     ),
     # Each cell for itself: it gives the same answer however it is looked at.
-    generator=GeneratorConfig(form="unet", filters=4, downsamples=0, enhancers=0, looks=1),
+    generator=GeneratorConfig(form="unet", filters=16, downsamples=0, enhancers=0, looks=1),
     loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0, drops=0.05, occluded_weight=1.0),
     optim=OptimConfig(
         lr=5e-3,
         betas=(0.9, 0.99),
         batch=4,
         columns=64,
-        steps=300,
+        steps=600,
         warm_up=20,
         decay_from=0.0,
         clip=1.0,
         flip=True,
+        sides=1.0,
         ema_start=50,
         ema_decay=0.98,
     ),
-    run=RunConfig(name="kitti_few", save_every=300, picture_every=300),
+    run=RunConfig(name="kitti_few", save_every=600, picture_every=600),
 )

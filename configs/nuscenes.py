@@ -23,6 +23,6 @@ experiment = replace(
         network_size=(32, 160),
     ),
     generator=replace(few.generator, filters=16, max_filters=64),
-    optim=replace(few.optim, steps=2000),
+    optim=replace(few.optim, steps=2000, sides=0.0),  # its frames are views all round
     run=replace(few.run, name="nuscenes", save_every=1000, picture_every=1000),
 )

@@ -16,5 +16,7 @@ experiment = replace(
     few,
     data=replace(few.data, kind="kitti_odometry", train="training:20", validation="evaluation:100"),
     prepare=replace(few.prepare, inputs=(*few.prepare.inputs, "semantic")),
-    run=replace(few.run, name="semantic_kitti"),
+    generator=replace(few.generator, filters=4),
+    optim=replace(few.optim, steps=300, warm_up=20, sides=0.0),  # classes are painted on what the camera sees
+    run=replace(few.run, name="semantic_kitti", save_every=300, picture_every=300),
 )

@@ -127,6 +127,10 @@ class OptimConfig(Checked):
     rows: Whole = 0
     """The same of its rows. What a beam sees at one height above the border of a window it then sees at another, so
     that rows are told by their inputs alone."""
+    sides: Share = 0.0
+    """Share of the steps, from the first on, that learn from the other sides of each scan too: what the LiDAR measured
+    to the left, behind and to the right, as though the camera looked there, without image and labels. Needs whole
+    scans, not such as are cropped to the image."""
     ema_decay: Share = 0.999
     ema_start: Whole = 500
     """The averaged generator copies the trained one up to this step."""

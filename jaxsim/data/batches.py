@@ -60,6 +60,16 @@ def recoloured(pair: Pair, amount: float, rng: np.random.Generator) -> Pair:
     return replace(pair, painted=replace(pair.painted, rgb=rgb.astype(np.float32)))
 
 
+class Changing:
+    """Batches of one loader before number `at`, and of another from there on."""
+
+    def __init__(self, first: Any, then: Any, *, at: int):
+        self.at, self._both = at, (first, then)
+
+    def __getitem__(self, k: int) -> Pair:
+        return self._both[k >= self.at][k]
+
+
 def batches(
     pairs: Sequence[Pair],
     *,

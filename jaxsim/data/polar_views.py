@@ -16,7 +16,7 @@ import numpy as np
 from jaxsim.data.point_classes import classes_in_image
 from jaxsim.data.polar_frames import open_polar_frames, scene_of
 from jaxsim.frame import Camera, CameraFrame, Cloud, Frame, PolarGrid
-from jaxsim.geometry import LidarSpec, camera_at_lidar, polar_to_points
+from jaxsim.geometry import LidarSpec, camera_at_lidar, polar_to_points, turned_points
 
 DIRECTIONS_DEG = (0, 90, 180, 270)
 WIDE_DEG = 90.0
@@ -61,11 +61,9 @@ class PolarViews:
         name, direction = self._place(index)
         image, rasters = self.frames.read(name)
         cloud = jax.tree.map(np.asarray, polar_to_points(image, self.frames.grid))
-        turn = np.deg2rad(-direction)
-        rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]], np.float32)
         valid = cloud.valid
         row = np.broadcast_to(np.arange(self.spec.rows, dtype=np.int32)[:, None], image.range_m.shape).ravel()
-        xyz_m = (cloud.xyz_m[valid] @ rotation.T).astype(np.float32)
+        xyz_m = turned_points(cloud.xyz_m[valid], -np.deg2rad(direction))
         view = CameraFrame(np.zeros((*self.size, 3), np.uint8), self.camera, has_image=False)
         if "semantic" in rasters:
             semantic = rasters["semantic"].ravel()[valid].astype(np.int32)

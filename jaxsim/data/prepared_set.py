@@ -124,7 +124,8 @@ class PreparedSet:
             )
         split, i = self._place[position]
         about = self.about.splits[split]
-        return Entry(about.names[i], about.scenes[i], about.windows[i], f"{self.about.fingerprint}/{position:06d}")
+        name = about.names[i]
+        return Entry(name, about.scenes[i], about.windows[i], f"{self.about.fingerprint}/{name}")
 
     def _read(self, split: str, i: int) -> PairRecord:
         about = self.about.splits[split]

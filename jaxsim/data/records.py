@@ -152,9 +152,17 @@ class PreparedPairs(Sequence):  # of Pair: unnamed, else checks of types would r
         return len(self.entries)
 
     def __getitem__(self, i: Any) -> Any:
+        if isinstance(i, slice):
+            chosen = range(len(self))[i]
+            return PreparedPairs(self.entries[i], lambda k: self.record(chosen[k]))
         if not -len(self) <= i < len(self):
             raise IndexError(f"pair {i} of {len(self)}")
         return self.record(i % len(self)).pair
+
+    def __add__(self, other: PreparedPairs) -> PreparedPairs:
+        own = len(self)
+        both = [*self.entries, *other.entries]
+        return PreparedPairs(both, lambda i: self.record(i) if i < own else other.record(i - own))
 
     @property
     def names(self) -> list[str]:

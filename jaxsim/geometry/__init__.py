@@ -17,6 +17,7 @@ from jaxsim.geometry.camera import (
     unproject,
 )
 from jaxsim.geometry.normals import incidence, normals
+from jaxsim.geometry.points import turned_points
 from jaxsim.geometry.polar import (
     azimuth_of,
     column_of,
@@ -68,6 +69,7 @@ __all__ = [
     "scan_on_window",
     "scatter_nearest",
     "transform",
+    "turned_points",
     "unproject",
     "window_grid",
     "with_neighbours",

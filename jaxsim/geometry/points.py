@@ -1,4 +1,4 @@
-"""What the points of a LiDAR's cloud can be, whoever read them."""
+"""Points of a LiDAR's cloud: what they can be, whoever read them; and turned about the sensor's axis."""
 
 from __future__ import annotations
 
@@ -38,3 +38,10 @@ def check_points(points: Float[np.ndarray, "n c"], where: str) -> None:
                 f"{where}: intensity spans {low:g}..{high:g}; it must lie in 0..1, so this is another sensor's file or "
                 "one that was rescaled (divide 0..255 by 255)"
             )
+
+
+def turned_points(xyz_m: Float[np.ndarray, "n 3"], angle_rad: float) -> Float[np.ndarray, "n 3"]:
+    """Points of `velo` turned about its vertical axis, counter-clockwise seen from above."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]], np.float32)
+    return (xyz_m @ rotation.T).astype(np.float32)

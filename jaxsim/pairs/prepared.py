@@ -23,7 +23,7 @@ from jaxsim.data.records import (
     record_of,
 )
 from jaxsim.devices import wait
-from jaxsim.files import check_name, making, placed, read_arrays, write_arrays
+from jaxsim.files import check_name, file_of, making, placed, read_arrays, write_arrays
 from jaxsim.frame import Frame, Pair
 from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
@@ -76,13 +76,13 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, *, prepar
     folder = pairs_folder(data, prepare)
     # Pairs for which labels were asked are those without, too.
     labelled = pairs_folder(data, replace(prepare, inputs=("semantic",)))
-    if all((labelled / f"{i:06d}.npz").is_file() for i in positions):
+    if all(path.is_file() for path in _files(labelled, dataset, positions)):
         folder = labelled
     if jax.process_count() > 1:
         _make(dataset, positions[jax.process_index() :: jax.process_count()], folder, kind=data.kind, prepare=prepare)
         wait("prepared pairs")
     _make(dataset, positions, folder, kind=data.kind, prepare=prepare)
-    files = [folder / f"{i:06d}.npz" for i in positions]
+    files = _files(folder, dataset, positions)
     return PreparedPairs([_entry(file) for file in files], lambda i: _read(files[i]))
 
 
@@ -102,13 +102,18 @@ def pairs_before(
     return [pair_before.get(p) for p in positions]
 
 
+def _files(folder: Path, dataset: Any, positions: Sequence[int]) -> list[Path]:
+    """By name: a drive that is added to a data set moves the positions of all that come after it."""
+    return [file_of(folder, dataset.name_of(i), ".npz", by="prepared") for i in positions]
+
+
 def _make(dataset: Any, positions: Sequence[int], folder: Path, *, kind: str, prepare: PrepareConfig) -> None:
-    missing = [i for i in positions if not (folder / f"{i:06d}.npz").is_file()]
+    files = _files(folder, dataset, positions)
+    missing = [(i, file) for i, file in zip(positions, files, strict=True) if not file.is_file()]
     if missing:
         check_networks(prepare)
-    for i in Progress(missing, desc=f"preparing {kind}", unit="frame", disable=not missing):
-        record = make_record(dataset[i], i, dataset.spec, prepare=prepare)
-        write_arrays(folder / f"{i:06d}.npz", example_of(record))
+    for i, file in Progress(missing, desc=f"preparing {kind}", unit="frame", disable=not missing):
+        write_arrays(file, example_of(make_record(dataset[i], i, dataset.spec, prepare=prepare)))
 
 
 AGAIN = "delete it, and it is made anew"

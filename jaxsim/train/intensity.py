@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
@@ -11,8 +12,10 @@ from jaxtyping import PyTree, UInt8
 
 from jaxsim import devices
 from jaxsim.config import Experiment
-from jaxsim.data import open_dataset, select
-from jaxsim.data.batches import batches
+from jaxsim.data import Dataset, open_dataset, select
+from jaxsim.data.batches import Changing, batches
+from jaxsim.data.records import PreparedPairs
+from jaxsim.data.turned import Turned
 from jaxsim.evaluate.intensity import score_pairs
 from jaxsim.frame import Pair
 from jaxsim.pairs.prepared import prepared
@@ -46,6 +49,11 @@ def intensity_training(experiment: Experiment) -> Training:
                 f"train: --optim.{name} {part} cannot be cut out of {whole} {name} (--prepare.network-size); give at "
                 "most as many, or 0 for all"
             )
+    if optim.sides and data.kind == "prepared":
+        raise ValueError(
+            "train: a prepared set keeps no scans, so that their other sides (--optim.sides) cannot be learned from; "
+            "train on the data set that it was made of, or pass --optim.sides 0"
+        )
 
     # Perceptual loss: its weights are asked for before time goes into preparation.
     weights = experiment.loss
@@ -55,15 +63,19 @@ def intensity_training(experiment: Experiment) -> Training:
 
     # Data: frames to aligned pairs on the camera's polar window, made once and kept (or by `jaxsim prepare`).
     dataset = open_dataset(data)
-    train = prepared(dataset, select(data.train, dataset), data, prepare=prepare)
+    chosen = select(data.train, dataset)
+    train = prepared(dataset, chosen, data, prepare=prepare)
     validation = prepared(dataset, select(data.validation, dataset), data, prepare=prepare)
     # Scaled on the host where frames are magnified or cut, or where drives of other calibrations see other windows.
     size = prepare.network_size
     cut = (optim.rows or size[0], optim.columns or size[1])
     alike = train.windows == {size} if cut != size else len(train.windows) == 1
     raster = size if optim.scale_limit or not alike else None
-    loader = batches(
-        list(train) if len(train) <= HELD else train,
+    if optim.epochs:
+        optim = replace(optim, steps=optim.epochs * len(train) // optim.batch)
+        experiment = replace(experiment, optim=optim)
+    load = partial(
+        batches,
         size=optim.batch,
         seed=settings.seed,
         flip=optim.flip,
@@ -74,16 +86,17 @@ def intensity_training(experiment: Experiment) -> Training:
         part=jax.process_index(),
         parts=jax.process_count(),
     )
+    sides = _sides(experiment, dataset, chosen) if optim.sides else train[:0]
+    learned = train + sides
+    pairs = list(learned) if len(learned) <= HELD else learned
+    until = round(optim.sides * optim.steps)
+    loader = load(pairs) if until == optim.steps else Changing(load(pairs), load(pairs[: len(train)]), at=until)
     to_batch = make_batch(
         replace(prepare, network_size=cut),
         drop_weight=weights.drop_weight,
         unseen_weight=weights.unseen_weight,
         occluded_weight=weights.occluded_weight,
     )
-
-    if optim.epochs:
-        optim = replace(optim, steps=optim.epochs * len(train) // optim.batch)
-        experiment = replace(experiment, optim=optim)
 
     # Model: both networks, their optimisers and the averaged generator, one pytree.
     channels = input_channels(prepare)
@@ -122,6 +135,7 @@ def intensity_training(experiment: Experiment) -> Training:
         validate=validate,
         facts=(
             f"data: {data.kind}, frames {data.train} (validation {data.validation})",
+            *([f"{len(sides)} other sides of their scans, until step {until}"] if sides else []),
             f"inputs: {', '.join(prepare.inputs)}",
             f"batch: {optim.batch}",
             f"sensor: {run.spec.name}, {run.spec.rows} lines",
@@ -131,6 +145,13 @@ def intensity_training(experiment: Experiment) -> Training:
         finish=finish if experiment.generator.form == "unet" else None,
         hint=f"Scores beside baselines, and pictures: jaxsim eval {folder}",
     )
+
+
+def _sides(experiment: Experiment, dataset: Dataset, positions: list[int]) -> PreparedPairs:
+    """The pairs of the other sides of these frames' scans."""
+    turned = Turned(dataset)
+    # No input is asked for that a side does not have: neither image nor labels.
+    return prepared(turned, turned.sides(positions), experiment.data, prepare=replace(experiment.prepare, inputs=()))
 
 
 def _warn_of_silence(says: Prediction, alone: Prediction, pair: Pair) -> None:

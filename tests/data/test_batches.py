@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.data.batches import batches, crop, magnified
+from jaxsim.data.batches import Changing, batches, crop, magnified
 from jaxsim.frame import Painted, Pair, PolarImage
 from jaxsim.train.training import ahead
 
@@ -111,3 +111,11 @@ def test_cut_parts_come_from_all_over_the_frame():
     assert loader[0].painted.rgb.shape == (2, 3, 4, 3)
     rows, columns = PAIRS[0].target.shape
     assert {*corners} == {10 * row + column for row in range(rows - 2) for column in range(columns - 3)}
+
+
+def test_batches_change_from_one_loader_to_another_at_a_number():
+    first, then = batches(PAIRS, size=4, seed=3), batches(PAIRS[:4], size=4, seed=3)
+    loader = Changing(first, then, at=5)
+    for k, expected in ((0, first), (4, first), (5, then), (9, then)):
+        np.testing.assert_array_equal(loader[k].target, expected[k].target)
+    assert [sorted(numbers(batch)) == [0, 1, 2, 3] for batch in ahead(loader, 4, 7)] == [False, True, True]

@@ -1,9 +1,11 @@
 """A training pair as a record."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
-from jaxsim.data.records import check_example
+from jaxsim.data.records import Entry, PreparedPairs, check_example
 
 
 @pytest.mark.parametrize(
@@ -20,3 +22,17 @@ def test_a_kept_pair_of_other_types_and_shapes_is_no_pair(change, message):
     check_example(right)
     with pytest.raises(ValueError, match=message):
         check_example({"row": np.zeros((4, 8), "f4"), **right, **change})
+
+
+class Read(NamedTuple):
+    pair: str
+
+
+def test_pairs_are_parted_and_put_together_without_being_read():
+    def pairs(letters: str) -> PreparedPairs:
+        return PreparedPairs([Entry(x, "a drive", (4, 8), x) for x in letters], lambda i: Read(letters[i].upper()))
+
+    both = pairs("abc") + pairs("de")
+    assert (both.names, list(both), both[-1]) == ([*"abcde"], [*"ABCDE"], "E")
+    assert (list(both[1:4]), both[1:4].names, list(both[2:][1:])) == ([*"BCD"], [*"bcd"], [*"DE"])
+    assert not both[:0]

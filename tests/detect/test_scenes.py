@@ -46,11 +46,28 @@ def test_kept_scenes_are_made_once_and_other_settings_apart(tmp_path, kitti):
             made.append(i)
             return kitti[i]
 
+        def name_of(self, i):
+            return kitti.name_of(i)
+
     for settings in ("a", "a", "b"):
         scenes = cached_scenes(Counting(), [2], "Car", in_image=True, cache=tmp_path, settings=settings)
         assert isinstance(scenes, Scenes)
         assert scenes[0].name == "000002"
     assert made == [2, 2]
+
+
+def test_a_frame_that_is_added_moves_no_scene_that_is_kept(tmp_path, kitti):
+    class Later:
+        """The data set without its first frame: positions are one less."""
+
+        def __getitem__(self, i):
+            return kitti[i + 1]
+
+        def name_of(self, i):
+            return kitti.name_of(i + 1)
+
+    kept = [cached_scenes(of, [1], "Car", in_image=True, cache=tmp_path, settings="a")[0] for of in (Later(), kitti)]
+    assert [scene.name for scene in kept] == ["000002", "000001"]
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_a_damaged_file_of_the_cache_is_named(samples, tmp_path):
     prepared(open_dataset(data), [0], data, prepare=plain)
     (file,) = pairs_folder(data, plain).iterdir()
     file.write_bytes(file.read_bytes()[:-500])
-    with pytest.raises(ValueError, match=r"000000\.npz is no readable .*; delete it"):
+    with pytest.raises(ValueError, match=r"-\d{10}\.npz is no readable .*; delete it"):
         prepared(open_dataset(data), [0], data, prepare=plain)
 
 
@@ -70,3 +70,30 @@ def test_labels_asked_of_frames_without_are_an_error_also_after_pairs_without_we
     assert len(prepared(frames, [0], data, prepare=plain)) == 1
     with pytest.raises(ValueError, match="need class labels"):
         prepared(frames, [0], data, prepare=replace(plain, inputs=("rgb", "semantic")))
+
+
+class Named:
+    """Frames of the embedded world, under names of their own."""
+
+    def __init__(self, *positions: int):
+        self.world, self.positions = open_dataset("synthetic"), positions
+        self.spec = self.world.spec
+
+    def __getitem__(self, index):
+        return self.world[self.positions[index]]
+
+    def name_of(self, index):
+        return self.world.name_of(self.positions[index])
+
+
+def test_what_is_added_to_a_data_set_moves_no_pair_that_is_kept(tmp_path):
+    """A drive that sorts before others moves their positions: the pairs of old positions must not pass for the new."""
+    data = DataConfig(cache=tmp_path)
+    first = prepared(Named(7), [0], data, prepare=PREPARE)
+    (kept,) = pairs_folder(data, PREPARE).iterdir()
+    stamp = kept.stat().st_mtime_ns
+    more = prepared(Named(3, 7), [0, 1], data, prepare=PREPARE)
+    assert more.names == [Named(3, 7).name_of(i) for i in (0, 1)]
+    assert more.keys[1:] == first.keys
+    assert kept.stat().st_mtime_ns == stamp
+    assert not np.array_equal(more[0].target, more[1].target)

@@ -212,6 +212,27 @@ def test_a_part_that_is_larger_than_what_it_is_cut_out_of_is_refused(part):
         intensity_training(Experiment(optim=OptimConfig(**{part: 5000})))
 
 
+def test_the_first_steps_learn_from_the_other_sides_of_the_scans_too(tmp_path):
+    training = intensity_training(
+        Experiment(
+            data=DataConfig(kind="synthetic", train="0-1", validation="2-2", cache=tmp_path),
+            prepare=PrepareConfig(columns=64, network_size=(64, 128), inputs=("rgb", "depth"), depth="ip_basic_fast"),
+            generator=GeneratorConfig(form="unet", filters=4, downsamples=0, enhancers=0, looks=1),
+            loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0),
+            optim=OptimConfig(batch=2, steps=16, sides=0.5),
+        )
+    )
+    assert "6 other sides of their scans, until step 8" in training.facts
+    # Two frames and six sides, of which nobody took an image: four batches of two show each of the eight once.
+    seen = [int((np.asarray(batch["inputs"])[..., 0] > -1).any((1, 2)).sum()) for batch in training.batches(0, 10)]
+    assert (sum(seen[:4]), sum(seen[4:8]), seen[8:]) == (2, 2, [2, 2])
+
+
+def test_a_prepared_set_has_no_other_sides():
+    with pytest.raises(ValueError, match=r"a prepared set keeps no scans.* --optim.sides 0"):
+        intensity_training(Experiment(data=DataConfig(kind="prepared"), optim=OptimConfig(sides=0.5)))
+
+
 def test_a_network_that_hears_nothing_of_the_surroundings_says_so(tmp_path, caplog):
     unet = GeneratorConfig(form="unet", filters=4, downsamples=1, blocks=1, enhancers=0, looks=1)
     training = intensity_training(
