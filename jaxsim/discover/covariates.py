@@ -18,7 +18,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law, Parameter
 from jaxsim.effects.edits import brighten, lose, misread
-from jaxsim.effects.learned import hats
+from jaxsim.effects.learned import CHANGE, OFFSET, hats
 from jaxsim.effects.rays import Array, Rays, covariates
 from jaxsim.products import matmul
 
@@ -31,6 +31,9 @@ COVARIATES = {name: read for name, read in ON_HOST.items() if name not in ("colu
 ALTERNATING = ("even rows", "even columns")
 """Receivers and emitters often work in two banks, in turn."""
 CATEGORICAL = ("row", "class", *ALTERNATING)
+BANKS = {"row": ("row", "even rows"), "even rows": ("row", "even rows"), "even columns": ("even columns",)}
+"""What readouts are told apart by, and along what else where one of them tells: a readout may have a gain of its own,
+or a black level, which adds to intensities."""
 NAMED = {
     "step side": "step",
     "speed x time": "time",
@@ -55,6 +58,13 @@ class Dependence:
     """Share of the residuals' variance that it explains on held-out scenes."""
     gain: float
     """Held-out nats, all scenes."""
+    adds: bool = False
+    """Of a free curve of the intensity: its heights are added, in the intensity's unit, and are not nats of a gain."""
+
+    @property
+    def change(self) -> str:
+        """What a free curve along it does, by a name of CURVES."""
+        return OFFSET if self.adds else self.channel
 
 
 def spelled(covariate: str) -> str:
@@ -122,6 +132,12 @@ CURVES = {
         channels=("intensity",),
         apply=lambda p, rays: brighten(rays, _curve(p, rays)),
     ),
+    OFFSET: Law(
+        name="offset curve",
+        parameters={"height": Heights(0.0, -1.0, 1.0, "", "addition to I at each knot", scale=0.02)},
+        channels=("intensity",),
+        apply=lambda p, rays: CHANGE[OFFSET](rays, _curve(p, rays)),
+    ),
     "range": Law(
         name="range curve",
         parameters={"height": Heights(0.0, -1.0, 1.0, "m", "change of the reading at each knot", scale=0.03)},
@@ -136,7 +152,7 @@ CURVES = {
         starts=({"height": 0.03},),
     ),
 }
-"""A curve a channel, along the covariate whose basis the rays carry (`with_basis`)."""
+"""A curve for each of the changes of laws, along the covariate whose basis the rays carry (`with_basis`)."""
 
 
 def with_basis(problem: Problem, covariate: str) -> Problem:

@@ -214,6 +214,9 @@ class Rules:
     """To say `not_in_catalogue` a free curve must gain so many times what its channel's named effects do ..."""
     curve_margin_nats: float = 10.0
     """... and so much more."""
+    curve_simpler: float = 0.5
+    """A curve of fewer numbers than this share of theirs need not gain more times what they do: effects with a number a
+    beam bend to much that two tell. Set on three development cases of an offset of every second row."""
     shape_price: float = 0.1
     """Each number of a curve's shape (line, step, wave) counts like this share of what the shape leaves unexplained."""
     shape_unlike: float = 0.6

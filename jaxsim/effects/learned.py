@@ -21,18 +21,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.effects.edits import brighten, lose, misread
-from jaxsim.effects.rays import READ, TURN, Array, Rays, Scan
+from jaxsim.effects.edits import add_intensity, brighten, lose, misread
+from jaxsim.effects.effect import CHANNELS
+from jaxsim.effects.rays import FLOOR, READ, TURN, Array, Rays, Scan
 from jaxsim.files import check_keys, real
 from jaxsim.products import einsum
 
 LAW_KINDS = ("curve", "table", "periodic", "product", "wave")
-LIMITS = {"intensity": (-2.0, 2.0), "range": (-1.0, 1.0), "drop": (0.0, 0.95)}
-"""Least and most that a law may change: ln I in nats, the reading in m; share of echoes lost."""
+OFFSET = "offset"
+"""A change of intensities by addition, as of a readout with a black level of its own; else laws of them are gains."""
+LIMITS = {"intensity": (-2.0, 2.0), OFFSET: (-1.0, 1.0), "range": (-1.0, 1.0), "drop": (0.0, 0.95)}
+"""Least and most that a law may change: ln I in nats, I in its own unit, the reading in m; share of echoes lost."""
 MOST_SD = 1e3
 """... and, times the most, the largest standard deviation: a knot that nothing was seen of has a large one."""
-CHANGE_UNITS = {"intensity": "nats", "range": "m", "drop": ""}
-CHANGE: dict[str, Callable[[Rays, Array], Rays]] = {"intensity": brighten, "range": misread, "drop": lose}
+CHANGE_UNITS = {"intensity": "nats", OFFSET: "", "range": "m", "drop": ""}
+CHANGE: dict[str, Callable[[Rays, Array], Rays]] = {
+    "intensity": brighten,
+    OFFSET: lambda rays, height: add_intensity(rays, height, FLOOR),
+    "range": misread,
+    "drop": lose,
+}
 TABLES = ("row", "column", "class", "even rows", "even columns")
 TURNING = ("azimuth", "heading", "hue angle")
 NEEDS = {
@@ -65,13 +73,22 @@ class Learned:
     """The height at each knot, in CHANGE_UNITS; of a product row by row, the second covariate's knots together."""
     sd: Numbers
     """Standard deviation of each, by the jackknife over groups of scenes."""
+    adds: bool = False
+    """Of intensity: heights are added to what is reported, in its own unit, and are not nats of a gain."""
+
+    @property
+    def change(self) -> str:
+        """What the law does, by a name of CHANGE."""
+        return OFFSET if self.adds else self.channel
 
     def __post_init__(self) -> None:
         def refuse(what: str) -> ValueError:
             return ValueError(f"learned law of {self.channel} along {' x '.join(map(str, self.covariates))}: {what}")
 
-        if self.channel not in LIMITS:
-            raise refuse(f"channel {self.channel!r} is not known; known are {', '.join(LIMITS)}")
+        if self.channel not in CHANNELS:
+            raise refuse(f"channel {self.channel!r} is not known; known are {', '.join(CHANNELS)}")
+        if self.adds and self.channel != "intensity":
+            raise refuse("`adds` is of intensity alone")
         if self.kind not in LAW_KINDS:
             raise refuse(f"kind {self.kind!r} is not known; known are {', '.join(LAW_KINDS)}")
         if unknown := [name for name in self.covariates if name not in READ]:
@@ -89,12 +106,12 @@ class Learned:
         size = 2 if self.kind == "wave" else int(np.prod([len(knots) for knots in self.knots]))
         if not len(self.values) == len(self.sd) == size:
             raise refuse(f"{len(self.values)} values and {len(self.sd)} sd came; {size} of each are right")
-        low, high = LIMITS[self.channel]
+        low, high = LIMITS[self.change]
         low = -high if self.kind == "wave" else low
         if not all(low <= value <= high for value in self.values):
-            raise refuse(f"values must lie within {low:g} and {high:g} {CHANGE_UNITS[self.channel]}")
+            raise refuse(f"values must lie within {low:g} and {high:g} {CHANGE_UNITS[self.change]}")
         if not all(0 <= sd <= MOST_SD * high for sd in self.sd):
-            raise refuse(f"sd must lie within 0 and {MOST_SD * high:g} {CHANGE_UNITS[self.channel]}")
+            raise refuse(f"sd must lie within 0 and {MOST_SD * high:g} {CHANGE_UNITS[self.change]}")
 
     @property
     def name(self) -> str:
@@ -130,7 +147,7 @@ class Learned:
 
     def apply(self, rays: Rays) -> Rays:
         """The rays with the law."""
-        return CHANGE[self.channel](rays, self.height(rays))
+        return CHANGE[self.change](rays, self.height(rays))
 
     def check_known(self, has: Mapping[str, bool]) -> None:
         """Raises ValueError where the frames do not hold (`has`, by NEEDS' values) what a covariate is read from."""
@@ -154,7 +171,9 @@ class Learned:
 
     def to_json(self) -> dict[str, Any]:
         """The entry of sensor.json."""
-        return asdict(self)
+        entry = asdict(self)
+        # Said where it is so alone: readers of before know no such key.
+        return entry if self.adds else {name: value for name, value in entry.items() if name != "adds"}
 
     @classmethod
     def from_json(cls, entry: Mapping[str, Any]) -> Learned:
@@ -171,7 +190,14 @@ class Learned:
             knots=tuple(map(floats, entry["knots"])),
             values=floats(entry["values"]),
             sd=floats(entry["sd"]),
+            adds=_boolean(entry.get("adds", False)),
         )
+
+
+def _boolean(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError(f"`adds` is {value!r}; it must be true or false")
+    return value
 
 
 def hats(x: Float[np.ndarray, "*n"], knots: Float[np.ndarray, " k"]) -> Float[np.ndarray, "*n k"]:

@@ -137,7 +137,8 @@ def learned(verdict: Verdict, draw: DrawChart) -> Markup:
 def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Markup:
     words = (
         f"No effect of the catalogue describes this, so it enters sensor.json as it is: a {law.kind} of "
-        f"{len(law.values)} heights of {law.channel} along {' and '.join(law.covariates)}. "
+        f"{len(law.values)} heights of {law.channel} along {' and '.join(law.covariates)}"
+        f"{', which are added to it' if law.adds else ''}. "
     ) + OUTSIDE[law.kind]
     gained = verdict.gap[law.channel].gained if law.channel in verdict.gap else None
     if gained:
@@ -155,7 +156,7 @@ def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Marku
         [("learned", np.array(law.values), AFTER)],
         BAND * np.array(law.sd),
         x_label=axis.label,
-        y_label=SIGN_WORDS[law.channel].unit,
+        y_label="intensity" if law.adds else SIGN_WORDS[law.channel].unit,
         joined=law.kind != "table",
         whole=law.kind == "table",
     )

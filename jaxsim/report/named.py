@@ -185,7 +185,7 @@ def unexplained(one: Unexplained | None, draw: DrawChart, *, missing: bool = Fal
         return section(title, words)
     x, y = axis.shown(np.array(one.x, float)), np.array(one.y, float)
     band = np.array(one.band or (0.0,) * len(one.y), float)
-    unit = SIGN_WORDS[one.channel].unit if one.channel in SIGN_WORDS else one.channel
+    unit = SIGN_WORDS[one.channel].unit if one.channel in SIGN_WORDS and not one.adds else one.channel
     chart = curve_chart(
         x,
         [("fitted", y, BEFORE)],

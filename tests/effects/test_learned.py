@@ -1,5 +1,6 @@
 """Learned laws: what they do to rays, what they refuse, and their file."""
 
+import json
 from dataclasses import replace
 from itertools import pairwise
 
@@ -73,6 +74,30 @@ def test_a_table_leaves_beams_that_it_does_not_hold(rays):
     np.testing.assert_allclose(change[hit], wanted[hit], atol=1e-5)
 
 
+def test_a_law_that_adds_changes_what_is_reported_in_its_own_unit(rays):
+    law = Learned("intensity", "table", ("even rows",), ((0.0, 1.0),), (0.0, 0.05), (0.001, 0.002), adds=True)
+    hit, odd = np.asarray(rays.hit), np.asarray(rays.row) % 2 == 1
+    after = law.apply(rays)
+    change = np.exp(np.asarray(after.log_intensity, float)) - np.exp(np.asarray(rays.log_intensity, float))
+    np.testing.assert_allclose(change[hit], np.where(odd, 0.05, 0.0)[hit], atol=1e-5)
+    # A black level is added behind the detector: the light that comes back is what it was.
+    np.testing.assert_array_equal(after.log_power, rays.log_power)
+    dark = replace(law, values=(0.0, -1.0)).apply(rays)
+    assert np.isfinite(np.asarray(dark.log_intensity)[hit]).all()
+
+
+def test_whether_a_law_adds_is_said_in_its_file_where_it_does(tmp_path):
+    adds = Learned("intensity", "table", ("row",), ((0.0, 2.0),), (0.1, 0.2), (0.0, 0.0), adds=True)
+    model = SensorModel((), {}, (WAVE, adds))
+    model.save(tmp_path / "sensor.json")
+    assert SensorModel.load(tmp_path / "sensor.json") == model
+    assert ["adds" in entry for entry in json.loads((tmp_path / "sensor.json").read_text())["learned"]] == [False, True]
+    wrong = (tmp_path / "sensor.json").read_text().replace('"adds": true', '"adds": 1')
+    (tmp_path / "sensor.json").write_text(wrong)
+    with pytest.raises(ValueError, match=r"`adds` is 1; it must be true or false"):
+        SensorModel.load(tmp_path / "sensor.json")
+
+
 def test_a_periodic_law_goes_on_across_the_end_of_the_turn(rays):
     knots = tuple(np.linspace(-3.0, 3.0, 12).tolist())
     assert curve_kind("azimuth", knots) == "periodic"
@@ -114,6 +139,8 @@ def test_a_sensor_model_applies_them_after_its_effects(scan, rays):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ({"channel": "drop", "adds": True}, "`adds` is of intensity alone"),
+        ({"adds": True, "values": (0.1, 0.2, 1.5)}, "values must lie within -1 and 1"),
         ({"channel": "colour"}, "channel 'colour' is not known; known are intensity"),
         ({"kind": "spline"}, "kind 'spline' is not known; known are curve"),
         ({"covariates": ("mood",)}, "covariate 'mood' is not known; known are range"),

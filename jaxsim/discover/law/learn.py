@@ -59,6 +59,7 @@ class Form:
             (numbers,),
             nothing,
             nothing,
+            adds=dependence.adds,
         )
         return cls(bare, basis[:, used], np.mean(heights, axis=0)[used])
 
@@ -66,7 +67,7 @@ class Form:
     def law(self) -> Law:
         """The law whose parameter is what is free: fitted like any effect, by the program that sensor.json's runs."""
         bare, basis = self.bare, jnp.asarray(self.basis, jnp.float32)
-        like = CURVES[bare.channel].parameters["height"]
+        like = CURVES[bare.change].parameters["height"]
         height = Heights(0.0, like.low, like.high, like.unit, like.meaning, scale=like.scale, columns=len(self.start))
         # Laws are told apart by name: another run's knots make another law.
         mark = hashlib.sha256(repr(bare).encode() + self.basis.tobytes()).hexdigest()[:12]
@@ -74,7 +75,7 @@ class Form:
             name=f"{bare.name} ({mark})",
             parameters={"height": height},
             channels=(bare.channel,),
-            apply=lambda p, rays: CHANGE[bare.channel](rays, bare.height(rays, matmul(basis, p["height"]))),
+            apply=lambda p, rays: CHANGE[bare.change](rays, bare.height(rays, matmul(basis, p["height"]))),
             # A law of the reported intensity would be fitted to the measured one; this is one of the predicted.
             covariates=tuple(name for name in bare.covariates if name in COVARIATES and name != "intensity"),
         )
@@ -82,7 +83,7 @@ class Form:
     def heights(self, result: Fit) -> Float[np.ndarray, " k"]:
         """A fit's height at each knot, within LIMITS."""
         numbers = np.asarray(to_values(self.law, result.z)["height"], np.float64)
-        return np.clip(self.basis.astype(np.float64) @ numbers, *LIMITS[self.bare.channel])
+        return np.clip(self.basis.astype(np.float64) @ numbers, *LIMITS[self.bare.change])
 
 
 @dataclass(frozen=True)

@@ -330,9 +330,10 @@ def formula_text(shape: Shape, parameters: dict[str, Interval]) -> str:
 
 
 def closed_law(fitted: LearnedFit) -> ClosedLaw | None:
-    """The formula of a learned law; None where none is near, or a covariate has no order."""
+    """The formula of a learned law; None where none is near, or a covariate has no order; and of what is added to
+    intensities, which is told a readout at a time."""
     learned = fitted.learned
-    if not all(name in VARIABLES and name not in ALTERNATING for name in learned.covariates):
+    if learned.adds or not all(name in VARIABLES and name not in ALTERNATING for name in learned.covariates):
         return None
     # In the order of the law's values: the last covariate runs fastest.
     grids = np.meshgrid(*(np.asarray(knots) for knots in learned.knots), indexing="ij")

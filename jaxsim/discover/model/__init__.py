@@ -58,7 +58,7 @@ noise by L-BFGS-B, twice; noise once more. The weights then stay for all effects
 
 Priors and bounds, and where they are set
     z       scalars N(0, 3), entries of vectors N(0, 1); the effect's bounds       parameters.LOOSE, effects/catalogue
-            heights of free curves N(0, 1), of 0.15 nats, 3 cm, 0.1 lost           covariates.CURVES
+            heights of free curves N(0, 1), of 0.15 nats, 0.02, 3 cm, 0.1 lost     covariates.CURVES
     n       N(n_0, 2), n_0 where the fit begins; bounds                            noise.NOISE_SD, START, MOST, LEAST
     beta    kinds 0.3 nats, held within 0.7                                evidence.CLASS_SD, random_effects.CLASS_MOST
             curvature 0.002; shift 0.002 rad^2                             evidence.CURVATURE_SD, SHIFT_SD

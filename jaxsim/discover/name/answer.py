@@ -17,7 +17,7 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.nulls import run_nulls
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
-from jaxsim.discover.name.unexplained import agreed, describe_curve, free_curves
+from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.verdict import Nulls, Unexplained
@@ -133,7 +133,7 @@ def decide(
     """
     free = asked(free_curves(null, dependences, without), but)
     curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
-    outside = curves[0] if curves and outdone(choice, *curves[0]) else None
+    outside = curves[0] if curves and outdone(choice, *curves[0], numbers=curve_numbers(null, curves[0][0])) else None
     if outside:
         steps = tuple(step for step in choice.steps if stands(step, outside[0].channel))
         if not steps:
@@ -170,13 +170,15 @@ def named_answer(
     return Answer("named", choice, describe_curve(choice.problem, *rest[0]), curve=rest[0])
 
 
-def outdone(choice: Choice, dependence: Dependence, curve: Candidate) -> bool:
-    """Whether a free curve gains clearly more in its own channel (an effect may show in others besides) than the
-    effects that were chosen. What a lattice of readings gains does not count: it is no dependence on anything."""
+def outdone(choice: Choice, dependence: Dependence, curve: Candidate, *, numbers: int) -> bool:
+    """Whether a free curve of so many numbers gains clearly more in its own channel (an effect may show in others
+    besides) than the effects that were chosen. What a lattice of readings gains does not count: it is no dependence on
+    anything."""
     k = CHANNELS.index(dependence.channel)
     free = curve.gain[:, k]
     steps = [step for step in choice.steps if step.chosen.effect.name not in FINEST]
     named = sum((step.chosen.gain[:, k] for step in steps), np.zeros(len(free)))
-    least = RULES.curve_factor * max(clipped(named).sum(), 0.0) + RULES.curve_margin_nats
+    simpler = numbers < RULES.curve_simpler * sum(step.chosen.numbers for step in steps)
+    least = (1.0 if simpler else RULES.curve_factor) * max(clipped(named).sum(), 0.0) + RULES.curve_margin_nats
     much = clipped(free).sum() > least
     return bool(much and (not steps or p_value(clipped(free - named)) <= RULES.alike_level))

@@ -86,7 +86,7 @@ class Exchanged:
         here = values_of(name, rays, np.asarray(rays.hit)).astype(np.float64)
         column = np.interp(here, known[order], height[order])
         problem = with_columns(self.problem, column[:, None].astype(np.float32))
-        effect = CURVES[along.channel]
+        effect = CURVES[along.change]
         one = np.zeros_like(fits[0])
         one[0] = 1.0
         return self.gain(effect, {"height": one}, problem) >= RULES.exchanged_share * curve.total

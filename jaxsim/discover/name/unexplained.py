@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxsim.discover.covariates import (
     ALTERNATING,
+    BANKS,
     CATEGORICAL,
     CURVES,
     NAMED,
@@ -28,6 +29,8 @@ from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import attainable, fold_half_width
 from jaxsim.discover.verdict import Unexplained
+from jaxsim.effects.effect import CHANNELS
+from jaxsim.effects.learned import OFFSET
 
 X_WORDS = {
     "range": "ln of range in m",
@@ -44,19 +47,23 @@ def free_curves(
     problem: Problem, dependences: Sequence[Dependence], without: Sequence[str] = ()
 ) -> list[tuple[Dependence, Candidate]]:
     """Curves along the strongest covariates of each channel, and along those that levels take up, fitted and judged
-    like effects; best first. Channels `without` are left out."""
+    like effects; best first. Where intensities follow the readout, additions are tried beside gains. Channels `without`
+    are left out."""
     null = problem.null_fits
 
     def one(dependence: Dependence) -> tuple[Dependence, Candidate]:
-        [candidate] = rank_effects(with_basis(problem, dependence.covariate), [CURVES[dependence.channel]], null=null)
+        [candidate] = rank_effects(with_basis(problem, dependence.covariate), [CURVES[dependence.change]], null=null)
         return dependence, candidate
 
     tried: list[Dependence] = []
-    for channel in [name for name in CURVES if name not in without]:
+    for channel in [name for name in CHANNELS if name not in without]:
         strongest = [one for one in dependences if one.channel == channel][: RULES.curves_tried]
         names = {one.covariate for one in strongest}
         untried = [Dependence(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in names]
         tried += [*strongest, *(one for one in untried if _varies(problem, one.covariate))]
+        if channel == "intensity":
+            banks = dict.fromkeys(bank for name in names for bank in BANKS.get(name, ()))
+            tried += [Dependence(channel, bank, 1.0, 0.0, 0.0, adds=True) for bank in banks]
     with ThreadPoolExecutor(THREADS) as pool:
         return sorted(pool.map(one, tried), key=lambda pair: -pair[1].total)
 
@@ -69,6 +76,13 @@ def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
 def sure(curve: Candidate) -> bool:
     """Whether the scenes agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
     return curve.chance <= attainable(RULES.curve_level, len(curve.by_scene), tests=2) or curve.sudden
+
+
+def curve_numbers(problem: Problem, dependence: Dependence) -> int:
+    """How many numbers a curve along this has: the columns of its basis that rays reach."""
+    rays = problem.ev.rays
+    x = values_of(dependence.covariate, rays, np.asarray(rays.hit)).astype(np.float64)
+    return int(fixed_basis(x, dependence.covariate).any(0).sum())
 
 
 def _varies(problem: Problem, covariate: str) -> bool:
@@ -101,6 +115,7 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
         x=tuple(map(float, grid)),
         y=tuple(map(float, y)),
         band=tuple(map(float, band)),
+        adds=dependence.adds,
     )
 
 
@@ -111,8 +126,8 @@ def written_at(x: np.ndarray, covariate: str) -> np.ndarray:
     return values if few else np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
 
 
-LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "p(drop)"}
-"""What a curve of each channel is the height of."""
+LETTER = {"intensity": "Δ ln I", OFFSET: "Δ I", "range": "Δ r", "drop": "p(drop)"}
+"""What a curve of each change is the height of."""
 CYCLES = np.arange(1.5, 8.01, 0.25)
 """Cycles of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
 
@@ -134,7 +149,7 @@ def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, dependence: De
     if dependence.covariate == "class":
         top = np.argsort(-np.abs(y))[:3]
         return "other", ", ".join(f"{y[k]:+.3g} for class {int(x[k])}" for k in top)
-    letter = LETTER[dependence.channel]
+    letter = LETTER[dependence.change]
     if dependence.covariate in ALTERNATING:
         return "periodic", f"{letter} ≈ {y[-1]:+.3g} on odd {dependence.covariate[5:]}, {y[0]:+.3g} on even ones"
     mean = np.average(y, weights=weight)

@@ -246,6 +246,8 @@ class Unexplained:
     y: tuple[float, ...] = ()
     band: tuple[float, ...] = ()
     """Half width of the 90 % band of `y`."""
+    adds: bool = False
+    """Of intensity: `y` is added, in its own unit; else it is a change of ln I."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.fit import fit_noise, in_place
 from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.candidates import rank_effects
+from jaxsim.discover.name.unexplained import describe_curve, free_curves
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.scenes import fold_half_width, jackknife_sd, student_reach
 from jaxsim.discover.show import gap_with, law_gains
@@ -171,3 +172,22 @@ def test_a_pair_that_says_no_more_stays_a_curve(null):
     dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
     [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
     assert curve_form(null, dependence, curve, crossed=[pair]).bare.kind == "periodic"
+
+
+def test_a_black_level_of_every_second_row_is_told_and_added_as_such(standard_promotion):
+    """A gain of these rows, or of each row, says less: what is added shows most on what is dark."""
+    scan, measured = toy(FRAMES)
+    odd = np.arange(measured.intensity.shape[1])[None, :, None] % 2 == 1
+    light = np.clip(measured.intensity + np.where(odd, 0.05, 0.0), 0, 1).astype(np.float32)
+    names = tuple(f"frame {k}" for k in range(FRAMES))
+    dependences = find_dependences(Division.of(Comparison(scan, replace(measured, intensity=light), names, names)))
+    null = dependences.null
+    curves = free_curves(null, [one for one in dependences.single if one.channel == "intensity"])
+    best, curve = curves[0]
+    assert (best.covariate, best.adds) == ("even rows", True)
+    gains = [one.total for along, one in curves if not along.adds]
+    assert curve.total > max(gains) + 10
+    law = add_effects(null, [], known=NOTHING_YET, form=curve_form(null, best, curve)).learned.learned
+    assert (law.kind, law.adds) == ("table", True)
+    assert law.values[1] - law.values[0] == pytest.approx(0.05, abs=0.01)
+    assert describe_curve(null, best, curve).formula.startswith("Δ I ≈ +0.0")

@@ -12,6 +12,8 @@ from jaxsim.discover.name.select import Choice
 from jaxsim.discover.verdict import Unexplained
 from tests.discover.name.made import CHANNEL, candidate, problem, step
 
+NUMBERS = 36
+"""Of each free curve here."""
 DEPENDENCE = {name: Dependence(name, "range", 0.01, 0.1, 50.0) for name in CHANNEL}
 
 
@@ -19,6 +21,10 @@ DEPENDENCE = {name: Dependence(name, "range", 0.01, 0.1, 50.0) for name in CHANN
     ("named", "curve", "outside"),
     [
         ([], candidate("curve", 5), True),
+        # A number a beam is no rival of two numbers that say as much: these need not gain a tenth more.
+        ([candidate("beam_gain", 8, numbers=72)], candidate("curve", 9), False),
+        ([candidate("beam_gain", 8, numbers=73)], candidate("curve", 9), True),
+        ([candidate("beam_gain", 8, numbers=73)], candidate("curve", 8.9), False),
         ([candidate("beam_gain", 8)], candidate("curve", 5), False),
         ([candidate("beam_gain", 3)], candidate("curve", 8), True),
         # A gain within a tenth of what is named, or a few nats more, is none.
@@ -29,7 +35,13 @@ DEPENDENCE = {name: Dependence(name, "range", 0.01, 0.1, 50.0) for name in CHANN
 )
 def test_a_curve_outdoes_only_what_it_explains_clearly_better(named, curve, outside):
     choice = Choice(tuple(map(step, named)), (), problem())
-    assert answer.outdone(choice, DEPENDENCE["intensity"], curve) is outside
+    assert answer.outdone(choice, DEPENDENCE["intensity"], curve, numbers=NUMBERS) is outside
+
+
+@pytest.fixture(autouse=True)
+def numbers(monkeypatch):
+    """Problems of these tests hold no rays that would tell."""
+    monkeypatch.setattr(answer, "curve_numbers", lambda problem, dependence: NUMBERS)
 
 
 def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):

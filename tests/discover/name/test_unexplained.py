@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.covariates import Dependence
+from jaxsim.discover.name import unexplained
 from jaxsim.discover.name.unexplained import agreed, shape_of
-from tests.discover.name.made import candidate
+from tests.discover.name.made import candidate, problem
 
 
 @pytest.mark.parametrize(
@@ -19,6 +20,37 @@ from tests.discover.name.made import candidate
 def test_a_curve_is_called_what_it_looks_like(y, character):
     x = np.linspace(0, 4, 40)
     assert shape_of(x, y(x), np.ones(40), dependence=Dependence("intensity", "range", 0.01, 0.1, 50.0))[0] == character
+
+
+@pytest.mark.parametrize(
+    ("strongest", "added"),
+    [
+        (["row", "range"], ["row", "even rows"]),
+        (["even rows", "row", "range"], ["even rows", "row"]),
+        (["even columns"], ["even columns"]),
+        (["range", "incidence", "power", "row"], []),  # three are tried
+    ],
+)
+def test_additions_are_tried_where_intensities_follow_the_readout(monkeypatch, strongest, added):
+    tried = []
+
+    def rank(problem, laws, *, null):
+        tried.append((problem, laws[0].name))
+        return [candidate("curve", 1)]
+
+    monkeypatch.setattr(unexplained, "rank_effects", rank)
+    monkeypatch.setattr(unexplained, "with_basis", lambda problem, covariate: covariate)
+    monkeypatch.setattr(unexplained, "_varies", lambda problem, covariate: False)
+    along = [Dependence("intensity", name, 0.01, 0.1, 50.0) for name in strongest]
+    curves = unexplained.free_curves(problem(null_fits=()), along)
+    assert sorted(name for name, law in tried if law == "offset curve") == sorted(added)
+    assert len(curves) == len(tried) == min(len(strongest), 3) + len(added)
+
+
+def test_what_is_added_is_told_in_the_intensitys_own_unit():
+    along = Dependence("intensity", "even rows", 0.01, 0.1, 50.0, adds=True)
+    told = shape_of(np.array([0.0, 1.0]), np.array([0.002, 0.05]), np.ones(2), dependence=along)
+    assert told == ("periodic", "Δ I ≈ +0.05 on odd rows, +0.002 on even ones")
 
 
 def test_scenes_must_agree_on_a_free_curve_more_than_on_an_effect():
