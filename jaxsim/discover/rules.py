@@ -204,8 +204,7 @@ class Rules:
     own: beyond it the two say it of each other. What one side lacks loses there; what noise does gains alike, but for
     chance: half as much on the made streets of tests/discover/name/test_exchange.py."""
     same_brightness_nats: float = 0.1
-    """Standard deviation of what measured surfaces are brighter than simulated ones, up to which both sides know how
-    bright surfaces are. A simulator with a table of reflectances is off by what surfaces of a class differ by."""
+    """Standard deviation of what measured surfaces are brighter by, up to which both know how bright these are."""
     curves_tried: int = 3
     """Covariates of each channel along which free curves compete: those that its residuals depend on most."""
     curve_level: float = 0.005
@@ -215,8 +214,7 @@ class Rules:
     curve_margin_nats: float = 10.0
     """... and so much more."""
     curve_simpler: float = 0.5
-    """A curve of fewer numbers than this share of theirs need not gain more times what they do: effects with a number a
-    beam bend to much that two tell. Set on three development cases of an offset of every second row."""
+    """... but of fewer numbers than this share of theirs, only as much: a number a beam bends to what two tell."""
     shape_price: float = 0.1
     """Each number of a curve's shape (line, step, wave) counts like this share of what the shape leaves unexplained."""
     shape_unlike: float = 0.6
@@ -389,10 +387,9 @@ class Rules:
     """Share by which a channel's distance may exceed the baseline's: a mean over eight scenes scatters by less."""
     gate_effect_nats: float = 2.5
     """Held-out nats a scene from which a named effect is a gap, by default, and nats of judge scenes from which what
-    has no name is one; below it a gate is unsure. Weighed on rows beside this package (benchmarks/blind/measured,
-    worlds_sealed and worlds_sealed_again; of what has no name worlds_nulls_again, too): of 127 sensors in which
-    nothing was missing six had a name, with 1.0 to 2.1 nats; of 40 effects of severity 2 that were named, seven had
-    less. Of ten nulls without a name two had more."""
+    has no name is one; below it a gate is unsure. Weighed on benchmarks/blind/measured (worlds_sealed, ..._again, and
+    worlds_nulls_again): of 127 sensors in which nothing was missing six had a name, with 1.0 to 2.1 nats; of 40 effects
+    of severity 2 that were named, seven had less. Of ten nulls without a name two had more."""
     gate_least: float = 1e-3
     """Least threshold of a distance: a millimetre, a thousandth of the full scale, or of the rays; finer than files."""
     watch_chance: float = 0.05
