@@ -1,8 +1,10 @@
-"""Few real frames, of one drive: what each laser line answers to range and angle, and nothing of the image; so that it
-learns from all round the car, not from where the camera looks alone.
+"""Few real frames, of one drive: what each laser line answers to range and angle, and nothing of the image.
 
 jaxsim train kitti_few --data.root KITTI_RAW
 jaxsim eval runs/kitti_few
+
+What needs no image need not look where the camera does: it learns from all sides of the scans (`--optim.sides`). Scans
+that are cropped to the image have no other sides: `--optim.sides 0`. See docs/scores.md, few real frames.
 """
 
 from jaxsim.config import DataConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig, PrepareConfig, RunConfig
