@@ -102,6 +102,9 @@ class TwoFrames:
         frame = SyntheticWorld(columns=200)[i]
         return replace(frame, boxes=None) if i else frame
 
+    def name_of(self, i):
+        return str(i)
+
 
 @pytest.mark.long
 def test_frames_without_labels_are_left_out_and_told(tmp_path, capsys):

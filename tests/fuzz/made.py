@@ -90,7 +90,7 @@ DATA, PREPARE = DataConfig(), PrepareConfig(inputs=("rgb", "depth"), columns=C)
 def _pairs(folder: Path) -> None:
     target = folder / pairs_fingerprint(DATA, PREPARE)
     target.mkdir(parents=True)
-    write_arrays(target / "000000.npz", example_of(_record(0)))
+    write_arrays(target / f"{_record(0).name}.npz", example_of(_record(0)))
 
 
 class _Gone:
@@ -103,6 +103,9 @@ class _Gone:
 
     def __getitem__(self, position: int) -> Any:
         raise FileNotFoundError(errno.ENOENT, "no kept pair", str(self.cache))
+
+    def name_of(self, position: int) -> str:
+        return f"f{position}"
 
 
 def _read_pairs(folder: Path) -> Any:
