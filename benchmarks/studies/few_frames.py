@@ -40,7 +40,7 @@ from jaxsim.train.loop import train_apart
 
 CONFIG, FRAMES = "kitti_few", 4
 NETWORK, BAR, TABLE = "network", "per-row median", "range, incidence, row"
-ALL_ROUND = ", all round"
+ALL_SIDES = ", all sides"
 
 
 class Judged(NamedTuple):
@@ -93,7 +93,7 @@ def main(root: Path, out: Path, flags: Sequence[str]) -> None:
         sensor = jaxsim.load(run)
         predict = make_predict(sensor.generate, sensor.run.experiment.prepare)
         own, sides = [pairs[k] for k in frames], prepared(turned, turned.sides(frames), data, prepare=prepare)
-        fitted = {"": fit_baselines(own), ALL_ROUND: fit_baselines([*own, *sides])}
+        fitted = {"": fit_baselines(own), ALL_SIDES: fit_baselines([*own, *sides])}
         bars = {f"{name}{of}": tables[name] for of, tables in fitted.items() for name in (BAR, TABLE)}
         for other, positions in drives.items():
             if other != drive:

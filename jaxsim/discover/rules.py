@@ -204,7 +204,7 @@ class Rules:
     own: beyond it the two say it of each other. What one side lacks loses there; what noise does gains alike, but for
     chance: half as much on the made streets of tests/discover/name/test_exchange.py."""
     same_brightness_nats: float = 0.1
-    """Standard deviation of what measured surfaces are brighter by, up to which both know how bright these are."""
+    """Standard deviation up to which both know how bright surfaces are; tables of reflectances are off by more."""
     curves_tried: int = 3
     """Covariates of each channel along which free curves compete: those that its residuals depend on most."""
     curve_level: float = 0.005
@@ -214,7 +214,7 @@ class Rules:
     curve_margin_nats: float = 10.0
     """... and so much more."""
     curve_simpler: float = 0.5
-    """... but of fewer numbers than this share of theirs, only as much: a number a beam bends to what two tell."""
+    """... but only as much with fewer numbers than this share of theirs. Set on three offsets of every second row."""
     shape_price: float = 0.1
     """Each number of a curve's shape (line, step, wave) counts like this share of what the shape leaves unexplained."""
     shape_unlike: float = 0.6

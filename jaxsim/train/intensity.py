@@ -35,6 +35,10 @@ _log = logging.getLogger(__name__)
 HELD = 500
 """Pairs that are held in memory, of about a megabyte each; more are read from disk, each time one is asked for."""
 
+NO_SIDES = {"prepared": "a prepared set keeps no scans", "polar": "views of polar frames look all round already"}
+"""Kinds of data whose scans have no sides beside those that are frames of their own, and why. A side of one view is the
+next one, which may be what judges."""
+
 
 def intensity_training(experiment: Experiment) -> Training:
     """Raises ValueError and FileNotFoundError where data or weights are missing, before any time goes into them."""
@@ -49,10 +53,9 @@ def intensity_training(experiment: Experiment) -> Training:
                 f"train: --optim.{name} {part} cannot be cut out of {whole} {name} (--prepare.network-size); give at "
                 "most as many, or 0 for all"
             )
-    if optim.sides and data.kind == "prepared":
+    if optim.sides and data.kind in NO_SIDES:
         raise ValueError(
-            "train: a prepared set keeps no scans, so that their other sides (--optim.sides) cannot be learned from; "
-            "train on the data set that it was made of, or pass --optim.sides 0"
+            f"train: {NO_SIDES[data.kind]}, so that there are no other sides to learn from; pass --optim.sides 0"
         )
 
     # Perceptual loss: its weights are asked for before time goes into preparation.

@@ -228,9 +228,10 @@ def test_the_first_steps_learn_from_the_other_sides_of_the_scans_too(tmp_path):
     assert (sum(seen[:4]), sum(seen[4:8]), seen[8:]) == (2, 2, [2, 2])
 
 
-def test_a_prepared_set_has_no_other_sides():
-    with pytest.raises(ValueError, match=r"a prepared set keeps no scans.* --optim.sides 0"):
-        intensity_training(Experiment(data=DataConfig(kind="prepared"), optim=OptimConfig(sides=0.5)))
+@pytest.mark.parametrize(("kind", "why"), [("prepared", "keeps no scans"), ("polar", "look all round already")])
+def test_sets_without_other_sides_are_told(kind, why):
+    with pytest.raises(ValueError, match=rf"{why}.* --optim.sides 0"):
+        intensity_training(Experiment(data=DataConfig(kind=kind), optim=OptimConfig(sides=0.5)))
 
 
 def test_a_network_that_hears_nothing_of_the_surroundings_says_so(tmp_path, caplog):
