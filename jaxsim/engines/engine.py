@@ -165,8 +165,10 @@ def noise_of_range(answer: FittedSensor, name: str) -> list[Setting]:
 
 def mean_bias(answer: FittedSensor, name: str, more: str = "") -> list[Setting]:
     """The engine's setting `name` of the range's bias, which has one number for all beams; none without a bias."""
-    bias = answer.each("beam_range_bias", "bias_m")
-    return [Setting(name, mean_of(bias), "m", f"beam_range_bias, its mean over the beams{more}")] if bias else []
+    of_beams = answer.each("beam_range_bias", "bias_m")
+    bias = combined(answer.one("range_offset", "offset_m"), mean_of(of_beams) if of_beams else None, how=sum)
+    why = f"range_offset, and the mean of beam_range_bias over the beams{more}"
+    return [Setting(name, bias, "m", why)] if bias else []
 
 
 def limits_of_range(answer: FittedSensor, *, minimum: str, maximum: str) -> list[Setting]:

@@ -62,7 +62,12 @@ def text(chosen: Sequence[Setting]) -> str:
 ENGINE = Engine(
     title="Gazebo",
     settings=settings,
-    expresses=frozenset({"beam_range_bias", "range_noise", "range_gate", "range_quantization", "range_step"}),
+    expresses=frozenset(
+        {
+            *("range_offset", "beam_range_bias", "range_noise", "range_gate"),
+            *("range_quantization", "range_step"),
+        }
+    ),
     instead=INSTEAD,
     text=text,
     suffix=".sdf",

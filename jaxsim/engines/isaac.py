@@ -36,6 +36,7 @@ INSTEAD = {
     "material_dropout": "returns are lost by their power alone; drop by class behind the sensor",
     "snr_dropout": "minReflectance at minReflectionRangeM is its threshold, in its own power budget: set it so that a "
     "surface which half returns at a range does so there",
+    "range_offset": "take it off each emitter's distanceCorrectionM, which the sensor takes off again",
     "motion_distortion": "switch motion on for the renderer (Motion BVH) and give emitters their fireTimeNs",
     "atmospheric_extinction": "it has no air; scale intensity by exp(-2 α range) behind the sensor",
     "intensity_noise": "intensity has no noise; add it behind the sensor",

@@ -64,7 +64,7 @@ def text(chosen: Sequence[Setting]) -> str:
 ENGINE = Engine(
     title="RGL",
     settings=settings,
-    expresses=frozenset({"beam_range_bias", "range_noise"}),
+    expresses=frozenset({"range_offset", "beam_range_bias", "range_noise"}),
     instead=INSTEAD,
     text=text,
     suffix=".cpp",

@@ -196,6 +196,12 @@ def faint(ray):
     return {"log_keep": -np.log1p(np.exp(-(ray["log_power"] + 5) / 0.7)) + np.log(1 - 0.6 * below)}
 
 
+def saturated(ray):
+    i = np.exp(ray["log_intensity"])
+    bent = np.minimum(i / (1 + (2 * i) ** 6) ** (1 / 6), 0.4)
+    return {"intensity_top": -0.6, "log_intensity": np.log(bent / i)}
+
+
 def hits(ray, error):
     return {"reading_m": np.where(ray["hit"], error, 0)}
 
@@ -208,7 +214,8 @@ ORACLES = {
     "retroreflection": ({"gain": 2.0}, sign),
     "range_falloff": ({"exponent": 0.7}, lambda r: {"log_intensity": -0.7 * np.log(r["range_m"] / 10)}),
     "atmospheric_extinction": ({"coefficient_per_m": 0.01}, lambda r: light(-0.02 * r["range_m"])),
-    "near_range_overlap": ({"distance_m": 8.0}, lambda r: light(np.log(1 - np.exp(-((r["range_m"] / 8) ** 2))))),
+    "near_range_overlap": ({"distance_m": 8.0, "depth": 0.7},
+                           lambda r: light(np.log(1 - 0.7 * np.exp(-((r["range_m"] / 8) ** 2))))),
     "window_contamination": ({"loss": 0.5, "azimuth_rad": 0.4, "width_rad": 0.2, "drop": 0.3}, window),
     "blooming": ({"probability": 0.5, "radius_rad": 0.05},
                  lambda r: {"ghost": np.where(r["glare_rad"] < 3, 0.5 * np.exp(-((r["glare_rad"] / 0.05) ** 2)), 0)}),
@@ -220,8 +227,7 @@ ORACLES = {
     "emitter_drift": ({"rate": 0.2}, lambda r: light(-0.2 * r["time_s"] / 60)),
     "gamma_response": ({"gamma": 0.7}, lambda r: {"log_intensity": -0.3 * r["log_intensity"]}),
     "intensity_offset": ({"offset": 0.03}, lambda r: {"log_intensity": np.log1p(0.03 / np.exp(r["log_intensity"]))}),
-    "saturation": ({"ceiling": 0.4}, lambda r: {"intensity_top": -0.6,
-                   "log_intensity": np.minimum(r["log_intensity"], np.log(0.4)) - r["log_intensity"]}),
+    "saturation": ({"ceiling": 0.4, "compression": 2.0, "sharpness": 3.0}, saturated),
     "intensity_quantization": ({"step": 0.01}, lambda r: {"intensity_step": 0.01}),
     "snr_dropout": ({"threshold": -5.0, "width": 0.7, "limit": 0.4, "zero_loss": 0.6}, faint),
     "random_dropout": ({"probability": 0.3}, lambda r: keep(0.3)),
@@ -239,6 +245,7 @@ ORACLES = {
                    lambda r: hits(r, 0.1 * np.exp(-np.exp(r["log_intensity"]) / 0.2))),
     "incidence_range_bias": ({"divergence_rad": 0.002}, lambda r: hits(r, 0.001 * r["range_m"] * tan(r))),
     "range_scale": ({"scale": 0.01}, lambda r: hits(r, 0.01 * r["range_m"])),
+    "range_offset": ({"offset_m": 0.06}, lambda r: hits(r, 0.06)),
     "beam_range_bias": ({"bias_m": ROW}, lambda r: hits(r, ROW[r["row"]])),
     "range_quantization": ({"step_m": 0.1}, lambda r: {"range_step_m": 0.1}),
 }  # fmt: skip

@@ -221,6 +221,15 @@ def range_scale(amount: float, rng: np.random.Generator, about: About) -> Plan:
     return at("ranging", hook, scale=scale)
 
 
+def range_offset(amount: float, rng: np.random.Generator, about: About) -> Plan:
+    offset = amount * sign_of(rng)
+
+    def hook(s: State) -> None:
+        s.bias_m = s.bias_m + offset
+
+    return at("ranging", hook, offset_m=offset)
+
+
 def beam_range_bias(amount: float, rng: np.random.Generator, about: About) -> Plan:
     bias = centred(rng, about.rows, amount)
 
@@ -276,6 +285,7 @@ ELECTRONICS = {
     "range_walk": Effect(range_walk, RANGE, "m", 0.01, 0.3),
     "incidence_range_bias": Effect(incidence_range_bias, RANGE, "rad of divergence", 0.0005, 0.02),
     "range_scale": Effect(range_scale, RANGE, "scale", 0.0005, 0.02),
+    "range_offset": Effect(range_offset, RANGE, "m", 0.01, 0.5),
     "beam_range_bias": Effect(beam_range_bias, RANGE, "m sd over beams", 0.01, 0.12),
     "mixed_pixels": Effect(mixed_pixels, RANGE, "probability", 0.06, 1.0),
     "range_quantization": Effect(range_quantization, RANGE, "m", 0.02, 0.5),

@@ -23,6 +23,7 @@ EFFECT = Effect(
     covariates=("row",),
     look_alikes={
         "beam_elevation_error": "a wrong elevation grows as r² on the road and leaves walls where they are",
+        "range_offset": "an offset is the same for all beams",
         "range_scale": "compare ranges within a beam: a scale grows with range",
         "extrinsic_rotation": "a pitch has opposite signs ahead and behind",
     },

@@ -22,6 +22,7 @@ EFFECT = Effect(
     signature="The range residual is proportional to range, for all beams, angles and classes.",
     covariates=("range",),
     look_alikes={
+        "range_offset": "an offset is there near by too",
         "beam_range_bias": "a bias is constant within a beam",
         "extrinsic_rotation": "a pitch moves the road by r², with opposite signs ahead and behind, and not walls",
         "incidence_range_bias": "it needs an incidence angle: compare walls that face the sensor",
