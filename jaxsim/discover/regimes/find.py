@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.model.fit import Fit, Problem, on_top
-from jaxsim.discover.name.answer import Answer, named_answer
+from jaxsim.discover.name.answer import Answer, named_answer, outdone
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
+from jaxsim.discover.name.unexplained import curve_numbers
 from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_discovery_rates, scenes_by_size
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
@@ -167,6 +168,8 @@ def find_regimes(
             # They are dear to make, and mostly nobody asks them.
             judge_scenes = judge_scenes or JudgeScenes.of(division, null, known)
             trial = _with(null, choice, placed.confined.step, at=lead.step)
+            if lead.step is None and _outdone(answer, trial, null):
+                continue
             confined, gained = judge_scenes.gained(placed.confined, trial, choice, facts=facts)
             if gained <= 0:
                 continue
@@ -180,6 +183,11 @@ def find_regimes(
     named = named_answer(choice, scene=facts.scene, but=answer.both_show)
     unchanged = {"nulls": answer.nulls, "both_show": answer.both_show, "mutual": answer.mutual}
     return Divided(replace(named, **unchanged), tuple(regimes))
+
+
+def _outdone(answer: Answer, trial: Choice, null: Problem) -> bool:
+    """Whether the free curve for which nothing was named explains clearly more than an effect in a part, too."""
+    return answer.curve is not None and outdone(trial, *answer.curve, numbers=curve_numbers(null, answer.curve[0]))
 
 
 def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
