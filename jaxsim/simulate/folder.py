@@ -289,13 +289,11 @@ def _has_frames(out: Path) -> bool:
 
 def _plain(effects_model: SensorModel | None) -> dict[str, Any]:
     """Names and parameters of the effects, as in sensor.json but each by itself."""
-    effects = effects_model.effects if effects_model else ()
-    origins = {name: origin for name, _ in effects if (origin := origin_of(name))}
-    plain = {"effects": [name for name, _ in effects], "parameters": [dict(parameters) for _, parameters in effects]}
-    learned = effects_model.learned if effects_model else ()
-    optional = ({"own": origins} if origins else {}) | (
-        {"learned": [law.to_json() for law in learned]} if learned else {}
-    )
-    regions = effects_model.regions if effects_model else {}
-    optional |= {"where": {name: region.to_json() for name, region in regions.items()}} if regions else {}
-    return plain | optional
+    model = effects_model or SensorModel()
+    origins = {name: origin for name, _ in model.effects if (origin := origin_of(name))}
+    return {
+        "effects": [name for name, _ in model.effects],
+        "parameters": [dict(parameters) for _, parameters in model.effects],
+        **({"own": origins} if origins else {}),
+        **model.optional(),
+    }

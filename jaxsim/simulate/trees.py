@@ -95,10 +95,7 @@ class TreePlan:
             "effects": self.effects_model and self.effects_model.effects,
         }
         # Keys only where they say something: a tree that was begun without them goes on.
-        if self.effects_model and self.effects_model.learned:
-            made["learned"] = [law.to_json() for law in self.effects_model.learned]
-        if self.effects_model and self.effects_model.regions:
-            made["where"] = {name: region.to_json() for name, region in self.effects_model.regions.items()}
+        made |= self.effects_model.optional() if self.effects_model else {}
         # As the file gives it back: what is compared with it must have lists for tuples.
         return json.loads(json.dumps(source | files | asdict(self.labels) | recipe | made))
 
