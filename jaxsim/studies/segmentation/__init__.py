@@ -11,12 +11,13 @@ All are judged on measured intensities that neither network saw: of other parts,
 the images are the embedded world's, whose classes are of paint and water too: a suburb to learn from, a town to judge.
 
     networks.py   what learns: the sensor, and who tells classes apart
+    descent.py    updates in memory
     iou.py        how well classes are told, and what intensity is worth
     study.py      which image simulates, learns or is judged when; scores and table
 
 OUT/settings.json, OUT/images/{suburb,town}/NAME.npz (of the embedded world), OUT/intensity/PART.npz,
 OUT/scores/KIND_part0_seed0.json, OUT/segmentation.{md,json}. Its many small networks are no runs
-of `jaxsim.train`: they learn in memory (`jaxsim.descent`), and what they tell is kept.
+of `jaxsim.train`: they learn in memory (`descent.py`), and what they tell is kept.
 """
 
 from __future__ import annotations
