@@ -50,7 +50,7 @@ from jaxsim.simulate.frames import measured_in
 from jaxsim.simulate.predict import make_predict
 from jaxsim.train.experiments import load_experiment
 
-SCRIPT = Path(__file__).parent.parent / "train.py"
+SCRIPT = Path(__file__).parents[2] / "train.py"
 TUNED_ON = range(4000, 4064, 4)
 """Frames that the tuned network learns from, one a street."""
 
