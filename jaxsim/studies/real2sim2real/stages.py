@@ -28,8 +28,8 @@ from jaxsim.report.pictures import Rgb
 from jaxsim.report.scenes import TurnedScene
 from jaxsim.report.words import verdict_sentence
 from jaxsim.runs.run import Checkpoints
-from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.sensor import load
+from jaxsim.simulate.sides import write_pairs
 from jaxsim.simulate.trees import LabelRules, TreePlan, choose_frames, export_trees
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.charts import check_text, checked_kinds, write_checks
