@@ -46,7 +46,7 @@ CATALOGUE_ALONE = {
         "steps are read off the readings, for intensity_quantization and range_quantization alone",
     ),
 }
-"""Fields of which the model asks for an effect's name, and why."""
+"""Fields that effects of the catalogue alone may change, and why; words of an error."""
 SILENT = ("log_power", *IDLE)
 """Fields that show in no channel by themselves."""
 NEUTRAL = 1e-6

@@ -82,7 +82,7 @@ class Speed:
 
 
 Simulated = tuple[PolarImage, Painted, float]
-"""Of a batch, and the seconds that it took."""
+"""What the sensor reports of a batch, what was painted of its views, and the seconds that both took."""
 OF_NETWORK = 1
 """Tells a frame's draws by the network from those of its effects."""
 
@@ -92,7 +92,7 @@ class FrameBatch(NamedTuple):
 
     positions: tuple[int, ...]
     drawn: frozenset[int]
-    """Those of which pictures are drawn."""
+    """Which of these places have pictures drawn of their frames."""
     first_s: float
     """Time of the data set's first frame, which effects that drift count from."""
 
@@ -140,8 +140,8 @@ class FrameMaker:
         return simulate_batch(self.learned, frames, self.batch, keys=of_network, **how)
 
     def words(self, data: str) -> str:
-        """What makes frames of `data` in words: each kind of draws, and the most likely answer, is a making of its own,
-        and none goes on in another's folder."""
+        """The words `data` and, where frames are drawn, how. A folder is claimed by them, so that frames of the most
+        likely answer, of draws cell by cell, and of draws with one grain or another never mix."""
         if not self.draws:
             return data
         return f"{data}, drawn" + (f", grain {self.grain.fingerprint}" if self.grain else "")

@@ -67,6 +67,9 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
     The incidence is that of the painted surface, with the rays that the network drops; where it cannot be told, the
     median.
     """
+    # A cell without neighbours may face anywhere. Effects act on this angle as on any other, so it is a common one, as
+    # `scan_of` takes where a file has no angles; a right angle, which stands for it in training pairs, would be among
+    # those on which effects of the incidence act most.
     angle, has_normal = jax.device_get(incidence(painted.range_m, painted.valid, grid))
     middle = np.median(angle[has_normal]) if has_normal.any() else 0
     return {
@@ -78,8 +81,11 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
 
 
 def begin_of(dataset: Dataset) -> float:
-    """When a data set's first frame was taken, 0 where it does not say: what drifts, or acts for a time alone, counts
-    from it, whichever frames are chosen."""
+    """When a data set's first frame was taken (s), 0 where it does not say.
+
+    What drifts, or acts for a time alone, counts from there, whichever frames are chosen: a frame is simulated alike
+    alone and among all.
+    """
     return dataset[0].time_s or 0.0
 
 
