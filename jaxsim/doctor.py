@@ -138,6 +138,7 @@ def installed_extras(extras: dict[str, list[str]]) -> Lines:
     """Each extra, and what it lacks."""
     told = []
     for extra, names in sorted(extras.items()):
+        # The module counts too: another package may bring it (opencv-python has the cv2 of opencv-python-headless).
         lacks = [name for name in names if version_of(name) is None and find_spec(module_of(name)) is None]
         told.append(extra if not lacks else f"{extra} (lacks {', '.join(lacks)})")
     return [("extras", "; ".join(told) or "none")]

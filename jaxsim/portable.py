@@ -237,9 +237,9 @@ class Operation(NamedTuple):
     given: list[Any]
     """Its operands: constants, or names of what nodes give."""
     shapes: list[tuple[int, ...]]
-    """Theirs."""
+    """Shapes of the operands."""
     shape: tuple[int, ...]
-    """Of what comes out."""
+    """Shape of the result."""
     parameters: Mapping[str, Any]
 
 

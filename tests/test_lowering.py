@@ -5,7 +5,6 @@ A program is traced from the shapes of small inputs; nothing is computed, and no
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -44,6 +43,7 @@ from tests.detect import tiny
 from tests.discover.toy import device, toy
 from tests.prepare.lidia_oracle import random_state
 from tests.small_training import CHANNELS, EXPERIMENT, SIZE
+from tests.untrained import tiny_experiment
 
 ACCELERATORS = ("cuda", "tpu")
 Program = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -60,12 +60,7 @@ def shapes(tree: Any) -> Any:
 
 def simulation() -> Program:
     """From a camera's view to what the LiDAR reports."""
-    base, _ = load_experiment("synthetic")
-    experiment = replace(
-        base,
-        prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
-        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
-    )
+    experiment = tiny_experiment()
     crop = experiment.prepare.image_crop
     run = describe_run(experiment, preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera()))
     sensor = LearnedSensor(run, state_shapes(experiment, input_channels(experiment.prepare)).ema)

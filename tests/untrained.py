@@ -1,6 +1,8 @@
 """Runs that never trained: their folder, and a random network. For tests of the way, not of the answer."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -14,6 +16,20 @@ from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, describe_run, start_run
+from jaxsim.train.experiments import load_experiment
+
+
+def tiny_experiment(**data: Any) -> Experiment:
+    """The embedded world's experiment at few columns and filters; its data with these values changed."""
+    base, _ = load_experiment("synthetic")
+    assert isinstance(base, Experiment)
+    return replace(
+        base,
+        data=replace(base.data, **data),
+        prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
+        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+        discriminator=replace(base.discriminator, filters=4, max_filters=8),
+    )
 
 
 def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0, view: CameraFrame | None = None) -> Path:

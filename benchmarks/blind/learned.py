@@ -18,20 +18,20 @@ import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from tqdm import tqdm
 
 from benchmarks.blind.hidden import key_path, list_outside, make_case
 from benchmarks.blind.hidden.frames import State
 from benchmarks.blind.hidden.outside import OUTSIDE
 from benchmarks.blind.hidden.plan import Plan
 from benchmarks.blind.plan import Job
-from benchmarks.blind.rows import append_row, code_version, read_rows
+from benchmarks.blind.rows import code_version, run_cases
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import add_effects
 from jaxsim.discover.find import find_dependences
@@ -57,17 +57,9 @@ ENOUGH = 0.8
 
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
-    args.out.mkdir(parents=True, exist_ok=True)
-    kept = args.out / "cases.jsonl"
-    rows = {row["key"]: row for row in read_rows(kept)}
     jobs = [Job(f"outside:{name}", args.severity, "default", k) for k in range(args.cases) for name in args.only]
-    for job in tqdm([] if args.table else [job for job in jobs if job.key not in rows], unit="case"):
-        row = run(job, args.out / "case")
-        append_row(kept, row)
-        rows[row["key"]] = row
-    text = summary(list(rows.values()))
-    (args.out / "summary.md").write_text(text + "\n")
-    print(text)
+    cases = {job.key: partial(run, job, args.out / "case") for job in jobs}
+    run_cases(args.out, {} if args.table else cases, summary=summary)
 
 
 @by_small_steps

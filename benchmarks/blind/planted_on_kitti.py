@@ -23,17 +23,17 @@ import shutil
 import time
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from benchmarks.blind.hidden import case_name, score
 from benchmarks.blind.hidden.frames import Grid
 from benchmarks.blind.hidden.replay import Scan, list_plantable, plant_on, simulated_of
 from benchmarks.blind.hidden.simulator import SIMULATORS
-from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
+from benchmarks.blind.rows import code_version, run_cases
 from benchmarks.blind.tables import coverage, rate
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data.kitti_files import read_velodyne
@@ -197,23 +197,13 @@ def main() -> None:
     enable_compilation_cache()
     grid, scenes = quarters(scan_files(Path(args.root)))
     print(f"{len(scenes)} scenes of {len(grid.elevation_rad)} x {len(grid.azimuth_rad)} rays: {', '.join(scenes)}")
-    args.out.mkdir(parents=True, exist_ok=True)
-    kept = args.out / "cases.jsonl"
-    rows = {row["key"]: row for row in read_rows(kept)}
-    check_settings(list(rows.values()), settings_of(scenes, args.simulator))
-    jobs = list(plan(args.effects, args.severity, args.nulls, args.seed))
-    for job in tqdm(jobs, unit="case"):
+    cases = {}
+    for job in plan(args.effects, args.severity, args.nulls, args.seed):
         effect, severity, seed = job
         key = f"{effect} {severity:g} {seed}"
-        if key in rows:
-            continue
         folder = args.out / "cases" / case_name(zlib.crc32(key.encode()))
-        row = run_case(grid, scenes, job, simulator=args.simulator, folder=folder)
-        append_row(kept, row)
-        rows[row["key"]] = row
-    text = summary(list(rows.values()))
-    (args.out / "summary.md").write_text(text + "\n")
-    print(text)
+        cases[key] = partial(run_case, grid, scenes, job, simulator=args.simulator, folder=folder)
+    run_cases(args.out, cases, summary=summary, settings=settings_of(scenes, args.simulator))
 
 
 if __name__ == "__main__":

@@ -37,8 +37,8 @@ from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.report.discovery import write_report
-from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.sensor import load
+from jaxsim.simulate.sides import write_pairs
 
 LINEAR = 100
 """Ouster's reflectivity is linear up to this value, and logarithmic above (retroreflectors)."""

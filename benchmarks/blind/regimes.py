@@ -21,15 +21,15 @@ import json
 import shutil
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from benchmarks.blind.hidden import case_name, key_path, make_case, score_case
 from benchmarks.blind.plan import Job
-from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
+from benchmarks.blind.rows import code_version, run_cases
 from benchmarks.blind.tables import rate
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.devices import by_small_steps
@@ -48,21 +48,13 @@ Row = dict[str, Any]
 
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
-    args.out.mkdir(parents=True, exist_ok=True)
     settings = {"sealed": args.sealed, "scenes": 16, "regimes": True}
-    kept = args.out / "cases.jsonl"
-    rows = {row["key"]: row for row in read_rows(kept)}
-    check_settings(list(rows.values()), settings)
     enable_compilation_cache()
-    code_version()
-    jobs = [job for job in plan(args.repeats, args.severity) if job[2].key not in rows][: args.most]
-    for effect, part, job in tqdm(jobs, unit="case"):
-        row = answer(effect, part, job, settings=settings, folder=args.out / "cases", catalogue=args.effects)
-        append_row(kept, row)
-        rows[row["key"]] = row
-    text = summary(list(rows.values()))
-    (args.out / "summary.md").write_text(text + "\n")
-    print(text)
+    about = {"settings": settings, "folder": args.out / "cases", "catalogue": args.effects}
+    cases = {
+        job.key: partial(answer, effect, part, job, **about) for effect, part, job in plan(args.repeats, args.severity)
+    }
+    run_cases(args.out, cases, summary=summary, settings=settings, most=args.most)
 
 
 def plan(repeats: int, severity: float) -> list[tuple[str, str, Job]]:

@@ -16,17 +16,17 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from tqdm import tqdm
 
 from benchmarks.blind.hidden import key_path, make_case
 from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.plan import DEVELOPMENT
-from benchmarks.blind.rows import append_row, code_version, read_rows
+from benchmarks.blind.rows import code_version, run_cases
 from benchmarks.blind.tables import rate
 from jaxsim.devices import by_small_steps
 from jaxsim.discover import Comparison, read_comparison
@@ -69,20 +69,11 @@ columns at 60, 50 and 70 %; a fine wave over rows and columns; another number in
 
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
-    args.out.mkdir(parents=True, exist_ok=True)
-    kept = args.out / "cases.jsonl"
-    rows = {row["key"]: row for row in read_rows(kept)}
     jobs = [(simulator, "", k) for k in range(args.nulls) for simulator in args.simulator]
     # Planted ones have seeds of their own, far from the nulls'.
     jobs += [(simulator, name, k) for k in range(args.planted) for name in PATTERNS for simulator in args.simulator]
-    jobs = [] if args.table else [job for job in jobs if _key(*job) not in rows]
-    for job in tqdm(jobs, unit="case"):
-        row = run(*job, folder=args.out / "case", first=args.first)
-        append_row(kept, row)
-        rows[row["key"]] = row
-    text = summary(list(rows.values()))
-    (args.out / "summary.md").write_text(text + "\n")
-    print(text)
+    cases = {_key(*job): partial(run, *job, folder=args.out / "case", first=args.first) for job in jobs}
+    run_cases(args.out, {} if args.table else cases, summary=summary)
 
 
 def _key(simulator: str, pattern: str, number: int) -> str:

@@ -1,15 +1,17 @@
-"""Rows of a run on disk: one JSON line a case, each written whole."""
+"""Rows of a run on disk: one JSON line a case, each written whole; and the run of those that are missing."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from tqdm import tqdm
 
 from benchmarks.blind.plan import Settings
 
@@ -74,3 +76,32 @@ def check_settings(rows: Sequence[dict[str, Any]], settings: dict[str, Any]) -> 
         if other:
             told = ", ".join(f"{name} {was} (now {now})" for name, (was, now) in other.items())
             raise ValueError(f"OUT holds cases with {told}; give another OUT, or the same settings")
+
+
+def run_cases(
+    out: Path,
+    cases: Mapping[str, Callable[[], dict[str, Any]]],
+    *,
+    summary: Callable[[Sequence[dict[str, Any]]], str],
+    settings: dict[str, Any] | None = None,
+    most: int | None = None,
+) -> None:
+    """Answers those of the cases, by key, that OUT/cases.jsonl lacks, `most` of them, each to a row with its key; then
+    prints the summary of all rows and writes it to OUT/summary.md.
+
+    Raises ValueError where there are rows of other `settings`.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    kept = out / "cases.jsonl"
+    rows = {row["key"]: row for row in read_rows(kept)}
+    if settings is not None:
+        check_settings(list(rows.values()), settings)
+    # Sources that change while cases run are not those that answer them: what is loaded now counts.
+    code_version()
+    for key in tqdm([key for key in cases if key not in rows][:most], unit="case"):
+        row = cases[key]()
+        append_row(kept, row)
+        rows[row["key"]] = row
+    text = summary(list(rows.values()))
+    (out / "summary.md").write_text(text + "\n")
+    print(text)

@@ -14,15 +14,14 @@ import argparse
 import shutil
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
-
-from tqdm import tqdm
 
 from benchmarks.blind.hidden import case_name, score_case
 from benchmarks.blind.hidden.streets import make_unpaired
 from benchmarks.blind.plan import Job
-from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
+from benchmarks.blind.rows import code_version, run_cases
 from benchmarks.blind.tables import coverage, rate
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.discover import discover_unpaired
@@ -38,24 +37,14 @@ Row = dict[str, Any]
 
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
-    args.out.mkdir(parents=True, exist_ok=True)
     settings = {"sealed": args.sealed, "scenes": args.scenes, "unpaired": True}
-    kept = args.out / "cases.jsonl"
-    rows = {row["key"]: row for row in read_rows(kept)}
-    check_settings(list(rows.values()), settings)
     enable_compilation_cache()
-    code_version()
     told = [name for name in EFFECTS if name not in untold(classes=True)]
     jobs = [Job(name, severity, "default", 0) for severity in args.severity for name in told]
     jobs += [Job(name, STRONG, "default", 0) for name in CANNOT]
     jobs += [Job("none", 1.0, level, k) for k in range(args.nulls) for level in ("exact", "default")]
-    for job in tqdm([job for job in jobs if job.key not in rows][: args.most], unit="case"):
-        row = _answer(job, settings, args.out / "cases")
-        append_row(kept, row)
-        rows[row["key"]] = row
-    text = summary(list(rows.values()))
-    (args.out / "summary.md").write_text(text + "\n")
-    print(text)
+    cases = {job.key: partial(_answer, job, settings, args.out / "cases") for job in jobs}
+    run_cases(args.out, cases, summary=summary, settings=settings, most=args.most)
 
 
 def _answer(job: Job, settings: Row, folder: Path) -> Row:

@@ -16,18 +16,18 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from tqdm import tqdm
 
 from benchmarks.blind.hidden import key_path, make_case
 from benchmarks.blind.hidden.placed import Placed
 from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.plan import DEVELOPMENT
-from benchmarks.blind.rows import append_row, code_version, read_rows
+from benchmarks.blind.rows import code_version, run_cases
 from jaxsim.discover import discover_folders
 
 Row = dict[str, Any]
@@ -180,18 +180,12 @@ KINDS = {
 
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
-    args.out.mkdir(parents=True, exist_ok=True)
-    kept = args.out / "cases.jsonl"
-    rows = {row["key"]: row for row in read_rows(kept)}
-    jobs = [(kind, simulator) for simulator in args.simulator for kind in args.only or KINDS]
-    jobs = [] if args.table else [job for job in jobs if " ".join(job) not in rows]
-    for kind, simulator in tqdm(jobs, unit="case"):
-        row = run(kind, simulator, folder=args.out / kind / simulator, seed=args.seed)
-        append_row(kept, row)
-        rows[row["key"]] = row
-    text = summary(list(rows.values()))
-    (args.out / "summary.md").write_text(text + "\n")
-    print(text)
+    cases = {
+        f"{kind} {simulator}": partial(run, kind, simulator, folder=args.out / kind / simulator, seed=args.seed)
+        for simulator in args.simulator
+        for kind in args.only or KINDS
+    }
+    run_cases(args.out, {} if args.table else cases, summary=summary)
 
 
 def run(name: str, simulator: str, *, folder: Path, seed: int) -> Row:

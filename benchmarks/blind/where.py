@@ -11,14 +11,13 @@ import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from benchmarks.blind.hidden import key_path, make_case, score
 from benchmarks.blind.plan import Counts, Job, Settings, plan
-from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
+from benchmarks.blind.rows import code_version, run_cases
 from benchmarks.blind.tables import of_kind, rate
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.discover import disagreements, read_comparison
@@ -30,19 +29,9 @@ def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
     counts = Counts(nulls=args.nulls, outside=args.outside, pairs=args.pairs)
     settings = Settings(args.sealed)
-    args.out.mkdir(parents=True, exist_ok=True)
-    kept = args.out / "cases.jsonl"
-    rows = {row["key"]: row for row in read_rows(kept)}
-    check_settings(list(rows.values()), settings.__dict__)
     enable_compilation_cache()
-    code_version()
-    for job in tqdm([job for job in plan(counts, sealed=args.sealed) if job.key not in rows][: args.most], unit="case"):
-        row = _answer(job, settings, args.out / "case")
-        append_row(kept, row)
-        rows[row["key"]] = row
-    text = summary(list(rows.values()))
-    (args.out / "summary.md").write_text(text + "\n")
-    print(text)
+    cases = {job.key: partial(_answer, job, settings, args.out / "case") for job in plan(counts, sealed=args.sealed)}
+    run_cases(args.out, cases, summary=summary, settings=settings.__dict__, most=args.most)
 
 
 def _answer(job: Job, settings: Settings, case: Path) -> Row:

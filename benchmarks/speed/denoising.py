@@ -33,6 +33,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.studies.lidia_adaptation import Adaptation, adapt, adapt_to_itself
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data import KittiRaw
 from jaxsim.data.synthetic import SyntheticWorld
@@ -41,7 +42,6 @@ from jaxsim.geometry import full_grid, points_to_polar
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.classical import close_gaps, non_local_means
 from jaxsim.prepare.denoise.lidia import Lidia, open_lidia, save_lidia
-from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt, adapt_to_itself
 from jaxsim.report.pictures import beside, intensity_panel, save_picture, strip
 
 Method = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -9,8 +9,8 @@ target of `--trained`, `train.py ablation` learns from the same frames of the em
 target alone differs. Judged on frames of other streets, cell by cell where the camera saw and the beam came back,
 against what the sensor would report without noise (truth) and against what it measured. Also the `--targets`
 themselves: PSNR to the truth on the judged frames. `lidia_tuned` is the same network after `--tuning` updates of
-`lidia.adapt` on noisy and noise-free windows of sixteen streets that are neither trained on nor judged. What is there,
-trainings and tuned weights, is not made again.
+`lidia_adaptation.adapt` on noisy and noise-free windows of sixteen streets that are neither trained on nor judged. What
+is there, trainings and tuned weights, is not made again.
 
 Writes OUT/denoised_targets.json and .jpg, the runs and the tuned weights to OUT.
 """
@@ -30,6 +30,7 @@ import numpy as np
 from tqdm import tqdm
 
 import jaxsim
+from benchmarks.studies.lidia_adaptation import Adaptation, adapt
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset, select
@@ -43,14 +44,13 @@ from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.pairs.prepared import pairs_folder, prepared
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia, save_lidia
-from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
 from jaxsim.report.pictures import intensity_panel, save_picture, strip
 from jaxsim.report.results import markdown_table
-from jaxsim.simulate.frames import measured_in
 from jaxsim.simulate.predict import make_predict
+from jaxsim.simulate.sides import measured_in
 from jaxsim.train.experiments import load_experiment
 
-SCRIPT = Path(__file__).parent.parent / "train.py"
+SCRIPT = Path(__file__).parents[2] / "train.py"
 TUNED_ON = range(4000, 4064, 4)
 """Frames that the tuned network learns from, one a street."""
 

@@ -44,8 +44,8 @@ from jaxsim.report.canvas import AFTER, FAINT, RULE, Canvas, save_figure
 from jaxsim.report.charts import label, ticks
 from jaxsim.report.pictures import pair_picture, save_picture
 from jaxsim.report.results import difference_table, markdown_table, score_table
-from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.predict import STEP, make_predict
+from jaxsim.simulate.sides import write_pairs
 from jaxsim.train.experiments import load_experiment
 from jaxsim.train.join import join_runs
 from jaxsim.train.loop import train_apart

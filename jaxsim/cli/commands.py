@@ -75,7 +75,7 @@ def parse(flags: Any, words: Sequence[str], *, name: str, example: str) -> Any:
     """A dataclass of flags from words; `--help` prints the example, then what the dataclass says of itself."""
     import tyro  # waits until a command is known, so that `jaxsim --help` answers at once
 
-    from jaxsim.cli.source import in_new_spelling
+    from jaxsim.cli.spellings import in_new_spelling
 
     description = f"    {example}\n\n{getdoc(flags) or ''}"
     return tyro.cli(flags, args=in_new_spelling(words, flags), prog=name, description=description)

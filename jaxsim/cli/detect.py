@@ -11,7 +11,7 @@ import tyro
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.evaluate.cloud_folder import CloudFolder, clouds_in, detect_folder
 from jaxsim.evaluate.detector import load_detector
-from jaxsim.report.detected import write_detected
+from jaxsim.report.clouds import write_detected
 from jaxsim.report.scenes import CLOUDS_PAGE
 
 

@@ -13,6 +13,7 @@ from jaxsim.config.ranges import Checked
 from jaxsim.effects.own import known_effects
 from jaxsim.engines import ENGINES, Estimate, Translation, read_answer, translate
 from jaxsim.files import placed, read_json, real, write_text
+from jaxsim.report.results import markdown_table
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,8 @@ def words(told: Translation) -> str:
     engine = ENGINES[told.engine]
     lines = [f"# {engine.title}", ""]
     if told.settings:
-        lines += ["| parameter | value | 90 % interval | unit | of |", "|---|---|---|---|---|"]
-        lines += [
-            f"| `{s.name}` | {s.value.value:.4g} | {_ends(s.value)} | {s.unit} | {s.why} |" for s in told.settings
-        ]
+        rows = [(f"`{s.name}`", f"{s.value.value:.4g}", _ends(s.value), s.unit, s.why) for s in told.settings]
+        lines.append(markdown_table(("parameter", "value", "90 % interval", "unit", "of"), rows))
     else:
         lines.append(f"Nothing that {engine.title} has a parameter for.")
     if told.cannot:

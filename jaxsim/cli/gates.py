@@ -1,9 +1,11 @@
-"""A gate that `jaxsim discover` asks, or writes: what it says, and how the command then ends."""
+"""A gate that `jaxsim discover` asks, or writes: what it says, how the command then ends, and the files that tell CI:
+junit.xml, which CI systems show, and gate.md for a summary."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from jaxsim.discover.gate import (
@@ -18,7 +20,7 @@ from jaxsim.discover.gate import (
 )
 from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.files import write_text
-from jaxsim.report.gate import markdown, write_gate
+from jaxsim.report.results import markdown_table
 
 EXIT: dict[Colour, int] = {"pass": 0, "gap": 1, "unsure": 2}
 """How the command ends where it asks a gate."""
@@ -27,6 +29,8 @@ TITLES: dict[Colour, str] = {
     "gap": "The simulation lacks something",
     "unsure": "This cannot be judged for certain",
 }
+WORDS: dict[Colour, str] = {"pass": "pass", "gap": "**gap**", "unsure": "could not judge"}
+"""Of each colour, in the table of checks."""
 Compared = Verdict | Mapping[str, Interval]
 """What a gate is asked of: a whole answer, or distances alone."""
 
@@ -50,7 +54,8 @@ def ask_gate(path: Path, out: Path, compare: Callable[[], Compared]) -> int:
     except (ValueError, FileNotFoundError) as error:
         checks = (Check("comparison", "unsure", str(error)),)
     colour = colour_of(checks)
-    write_gate(out, checks, title=TITLES[colour], seconds=time.monotonic() - begun)
+    write_text(out / "junit.xml", junit(checks, seconds=time.monotonic() - begun))
+    write_text(out / "gate.md", markdown(checks, title=TITLES[colour]))
     print(markdown(checks, title=TITLES[colour]))
     return EXIT[colour]
 
@@ -65,3 +70,30 @@ def make_gate(path: Path, out: Path, shown: Compared) -> None:
         checks = tuple(Check(name, "pass", told) for name, told in words)
         write_text(out / "gate.md", markdown(checks, title="What the gate was written from"))
     print(f"{path}: {' '.join(path.read_text().split())}")
+
+
+def junit(checks: Sequence[Check], *, seconds: float) -> str:
+    """A test suite with a case a check: a gap is a failure, what could not be judged an error."""
+    counts = {colour: sum(check.colour == colour for check in checks) for colour in WORDS}
+    suite = ET.Element(
+        "testsuite",
+        name="jaxsim discover",
+        tests=str(len(checks)),
+        failures=str(counts["gap"]),
+        errors=str(counts["unsure"]),
+        time=f"{seconds:.1f}",
+    )
+    for check in checks:
+        case = ET.SubElement(suite, "testcase", classname="jaxsim.discover", name=check.name)
+        if check.colour == "pass":
+            ET.SubElement(case, "system-out").text = check.words
+        else:
+            kind = "failure" if check.colour == "gap" else "error"
+            ET.SubElement(case, kind, message=check.words).text = check.words
+    return ET.tostring(suite, encoding="unicode", xml_declaration=True)
+
+
+def markdown(checks: Sequence[Check], *, title: str) -> str:
+    """A table of the checks."""
+    rows = [(check.name, WORDS[check.colour], check.words) for check in checks]
+    return f"## {title}\n\n{markdown_table(('check', '', ''), rows)}\n"

@@ -11,9 +11,9 @@ import tyro
 from jaxsim.discover.law.source import read_law, write_effect
 from jaxsim.discover.look_alikes import described
 from jaxsim.effects import all_rays
-from jaxsim.effects.check import small_street
 from jaxsim.effects.own import known_effects, load_file, write_template
 from jaxsim.effects.page import describe
+from jaxsim.effects.street import small_street
 
 
 @dataclass(frozen=True)

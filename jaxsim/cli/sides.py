@@ -69,8 +69,8 @@ class Sides(Checked):
                     "data set (--data.kind, --data.root): give one or the other"
                 )
             # Networks and their checkpoints, which two folders need not wait for.
-            from jaxsim.simulate.frames import write_pairs
             from jaxsim.simulate.sensor import load
+            from jaxsim.simulate.sides import write_pairs
 
             sensor = load(self.run)
             dataset, positions = self.data.open(sensor.run.experiment.data, frames=self.frames)
@@ -81,7 +81,7 @@ class Sides(Checked):
         sensed = _folder("--measured", self.measured)
         if not self.lambert:
             return _folder("--simulated", self.simulated), sensed
-        from jaxsim.simulate.lambert import write_lambert
+        from jaxsim.simulate.sides import write_lambert
 
         written = write_lambert(sensed, self.out)
         _log(f"{written}: Lambert's law on the measured ranges; of ranges and losses nothing can be asked")

@@ -16,8 +16,8 @@ from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
+from jaxsim.report.clouds import draw_simulated, write_simulated
 from jaxsim.report.scenes import CLOUDS_PAGE
-from jaxsim.report.simulated import draw_simulated, write_simulated
 from jaxsim.simulate.folder import FrameMaker, data_words, simulate_folder
 from jaxsim.simulate.grain import read_grain
 from jaxsim.simulate.sensor import LearnedSensor, Projection, load

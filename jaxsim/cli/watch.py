@@ -13,6 +13,7 @@ import tyro
 from jaxsim.config.ranges import Checked
 from jaxsim.discover.watch import Change, Day, watch_days
 from jaxsim.files import write_text
+from jaxsim.report.results import markdown_table
 
 
 @dataclass(frozen=True)
@@ -45,15 +46,13 @@ class Watch(Checked):
 
 def watch_table(days: Sequence[Day]) -> str:
     """A row a thing that has changed, a column a day."""
-    rows = dict.fromkeys((change.what, change.channel) for day in days for change in day.changes)
-    if not rows:
+    changed = [{(change.what, change.channel): change for change in day.changes} for day in days]
+    things = dict.fromkeys(thing for of_day in changed for thing in of_day)
+    if not things:
         return f"Nothing has changed in {', '.join(day.folder.name for day in days)}.\n"
-    head = "| | " + " | ".join(f"{day.folder.name} ({day.scenes} scenes)" for day in days) + " |"
-    lines = [head, "|---" * (len(days) + 1) + "|"]
-    for what, channel in rows:
-        cells = [_cell(next((c for c in day.changes if (c.what, c.channel) == (what, channel)), None)) for day in days]
-        lines.append(f"| {what}, {channel} | {' | '.join(cells)} |")
-    return "\n".join([*lines, ""])
+    heads = ["", *(f"{day.folder.name} ({day.scenes} scenes)" for day in days)]
+    rows = [[", ".join(thing), *(_cell(of_day.get(thing)) for of_day in changed)] for thing in things]
+    return f"{markdown_table(heads, rows)}\n"
 
 
 def _cell(change: Change | None) -> str:

@@ -86,7 +86,6 @@ class VirtualObject:
     """0 inside the image .. 1 outside."""
     occupancy: float
     """`pixels` as a share of the box's area: a car that nothing hides fills 0.65 to 0.85 of it."""
-    moving: bool
 
 
 def read_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
@@ -216,7 +215,8 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
     boxes = {}
     for line, row in _rows(folder / "bbox.txt", "bbox"):
         key = tuple(_numbers(folder / "bbox.txt", line, row[:3], kind=int))
-        box = (*_numbers(folder / "bbox.txt", line, row[3:-1], kind=float), row[-1])
+        # The last column says whether the object moves, which no label tells.
+        box = _numbers(folder / "bbox.txt", line, row[3:-1], kind=float)
         _add(boxes, key, box, path=folder / "bbox.txt", line=line)
     objects: dict[tuple[int, int], list[VirtualObject]] = {}
     path = folder / "pose.txt"
@@ -225,7 +225,7 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
         _, width, height, length, *rest = _numbers(path, line, row[3:], kind=float)
         if (frame, camera, track) not in boxes or track not in kinds:
             raise ValueError(f"vkitti2: {path}, line {line}: track {track} is not in bbox.txt or info.txt; copy all")
-        left, right, top, bottom, pixels, truncation, occupancy, moving = boxes[frame, camera, track]
+        left, right, top, bottom, pixels, truncation, occupancy = boxes[frame, camera, track]
         objects.setdefault((frame, camera), []).append(
             VirtualObject(
                 track=track,
@@ -237,7 +237,6 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
                 pixels=int(pixels),
                 truncation=truncation,
                 occupancy=occupancy,
-                moving=moving == "True",
             )
         )
     return objects

@@ -16,11 +16,11 @@ from jaxsim.discover.model.null import Refit, as_implied, refit
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Law
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region
+from jaxsim.metrics.intervals import student_reach
 
 DIFFERENCE = 0.02
 """Step of the central differences, in z and in nats of a noise scale."""

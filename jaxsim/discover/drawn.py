@@ -17,9 +17,9 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import Residuals, residuals
 from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import half_width
 from jaxsim.discover.verdict import CurveLine, JudgeFrame
 from jaxsim.effects import Law
+from jaxsim.metrics.intervals import half_width
 
 RESIDUAL_UNITS = {
     "intensity": "ln I, measured minus simulated",

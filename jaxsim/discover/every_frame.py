@@ -30,11 +30,11 @@ from jaxsim.discover.model.null import on_evidence
 from jaxsim.discover.mounting import Mounting, place_alike
 from jaxsim.discover.read import Comparison, Division, Rest, read_part
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import mean_interval
 from jaxsim.discover.verdict import EveryFrame, Interval, OddFrame
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
+from jaxsim.metrics.intervals import mean_interval
 from jaxsim.progress import Progress
 
 _Maps = dict[str, Float[np.ndarray, "r c"]]

@@ -16,10 +16,11 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import Split, clipped, mean_interval
+from jaxsim.discover.scenes import Split, clipped
 from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
+from jaxsim.metrics.intervals import mean_interval
 
 
 def named(

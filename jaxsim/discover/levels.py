@@ -18,9 +18,9 @@ from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.noise_levels import Levels, noise_levels
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import mean_interval
 from jaxsim.discover.verdict import Interval, Level
 from jaxsim.effects.rays import Scan
+from jaxsim.metrics.intervals import mean_interval
 
 MEASURES = {
     "range_noise": ("range_m", "m"),

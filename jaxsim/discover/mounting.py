@@ -26,7 +26,7 @@ from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import NOTHING_YET, Comparison
 from jaxsim.discover.register.registration import LIFT, MOTION_PARTS, Registration
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import Split, clipped, mean_interval, p_value
+from jaxsim.discover.scenes import Split, clipped, p_value
 from jaxsim.discover.verdict import Interval, Named, Registered
 from jaxsim.effects import EFFECTS, Law, Parameter, get_effect
 from jaxsim.effects.chain import SensorModel
@@ -36,6 +36,7 @@ from jaxsim.effects.rays import Scan
 from jaxsim.effects.recast import is_told, recast
 from jaxsim.effects.scan import slopes_of
 from jaxsim.frame import Array
+from jaxsim.metrics.intervals import mean_interval
 
 POSE_AND_LIFT_SD = np.append(POSE_SD, POSE_SD[-1])
 """Standard deviations of a frame's own pose and lift of beams, m and rad."""

@@ -15,8 +15,8 @@ import numpy as np
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import mean_interval
 from jaxsim.discover.verdict import Fidelity, Interval
+from jaxsim.metrics.intervals import mean_interval
 
 TILE = (8, 32)
 """Rows and columns of a tile of the raster."""

@@ -9,10 +9,8 @@ only scenes are independent. Letters: s scenes, b blocks of columns (each of one
   asked about, the largest over all of them is held against the same signs (max-T, Westfall & Young 1993), which pays
   for trying many without supposing them independent.
 - Clipping: no scene counts for more than the third largest, so that no one or two decide.
-- Scatter: scenes are few (a third of them judge), and the percentile bootstrap is too narrow then: of five normal
-  scenes its 90 % interval covers 77 % (tests/discover/test_scenes.py shows both). Student's t with the scenes' own
-  scatter covers what it says. Of a ratio, and of fits that share scenes, the jackknife gives that scatter (Efron &
-  Tibshirani 1993, ch. 11).
+- Scatter: `jaxsim/metrics/intervals.py` has the intervals of means, ratios and scores; here are those of differences,
+  and of fits that share scenes, by the jackknife again.
 """
 
 from __future__ import annotations
@@ -26,28 +24,7 @@ from jaxtyping import Float, Int
 from scipy.special import stdtrit
 
 from jaxsim.discover.rules import RULES
-from jaxsim.metrics.intervals import half_width, jackknife_half_width, mean_interval, ratio_interval, student_reach
-
-__all__ = [
-    "Split",
-    "best_of_gains",
-    "chance_of",
-    "chance_of_best",
-    "clipped",
-    "difference_interval",
-    "fold_half_width",
-    "folds",
-    "half_width",
-    "jackknife_half_width",
-    "jackknife_sd",
-    "mean_interval",
-    "orders_of",
-    "p_value",
-    "ratio_interval",
-    "signs_of",
-    "split_scenes",
-    "student_reach",
-]
+from jaxsim.metrics.intervals import student_reach
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ In the order of reading:
     chain.py        `SensorModel`, effects applied in order: the content of sensor.json; one draw of what it reports
     origin.py       effects of one's own, and where they come from
     own.py          `known_effects`: the catalogue with those of packages and files; check.py has what they must keep
-                    to, and the street on which they are tried
+                    to, street.py the street on which they are tried
     scan.py         a `Scan` of frames as they are read from files, with the surfaces of their range images
     page.py         the catalogue in words, docs/effects.md
 

@@ -4,7 +4,6 @@ then reports; read from and written to sensor.json."""
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -177,12 +176,8 @@ class SensorModel:
             rays = law.apply(rays)
         return rays
 
-    def sample(self, key: Array, rays: Rays, *, noise_m: float = 0.0, noise: float = 0.0) -> PolarImage:
-        """Draws whole images (*b, rows, columns) of rays to which the effects were applied.
-
-        `noise_m` is the sensor's own standard deviation of range, `noise` that of the log intensity; the model's levels
-        come on top.
-        """
+    def sample(self, key: Array, rays: Rays) -> PolarImage:
+        """Draws whole images (*b, rows, columns) of rays to which the effects were applied, with the model's levels."""
         levels = {name: float(self.levels.get(name, 0.0)) for name in LEVELS}
         if levels["random_loss"]:
             rays = lose(rays, jnp.full_like(rays.log_keep, levels["random_loss"]))
@@ -197,34 +192,42 @@ class SensorModel:
         return sample(
             key,
             rays,
-            noise_m=math.hypot(noise_m, levels["range_noise"]),
-            noise=math.hypot(noise, levels["intensity_noise"]),
+            noise_m=levels["range_noise"],
+            noise=levels["intensity_noise"],
             constant=levels["intensity_noise_constant"],
             columns=round(groups[0]) if groups else 1,
         )
 
-    def simulate(self, scan: Scan, key: Array, *, noise_m: float = 0.0, noise: float = 0.0) -> PolarImage:
+    def simulate(self, scan: Scan, key: Array) -> PolarImage:
         """All frames of a scan as the sensor reports them (host memory); frame k depends on the key and k alone."""
         images = []
         for k in range(scan.range_m.shape[0]):
             # One frame at a time: the rays of a whole recording would not fit into memory.
             one = frame_of(scan, k)
             rays = self.apply(_all_rays(one), one)
-            image = self.sample(jax.random.fold_in(key, k), rays, noise_m=noise_m, noise=noise)
-            images.append(jax.device_get(image))
+            images.append(jax.device_get(self.sample(jax.random.fold_in(key, k), rays)))
         return jax.tree.map(lambda *frames: np.concatenate(frames), *images)
+
+    def optional(self) -> dict[str, Any]:
+        """Learned laws (`learned`) and the parts where effects act (`where`, by name) as plain values; keys only where
+        there are some, so that files of models without them stay as they were."""
+        learned = {"learned": [law.to_json() for law in self.learned]} if self.learned else {}
+        where = {"where": {name: region.to_json() for name, region in self.regions.items()}} if self.regions else {}
+        return learned | where
 
     def save(self, path: Path | str) -> None:
         """Writes sensor.json."""
+        optional = self.optional()
+        # In the file a part stands with its effect.
+        where = optional.pop("where", {})
         entries = [
             {"name": name, "parameters": {p: list(v) if isinstance(v, tuple) else v for p, v in parameters.items()}}
             | ({"from": origin} if (origin := origin_of(name)) else {})
-            | ({"where": self.regions[name].to_json()} if name in self.regions else {})
+            | ({"where": where[name]} if name in where else {})
             for name, parameters in self.effects
         ]
         content = {"effects": entries} | ({"levels": dict(self.levels)} if self.levels else {})
-        content |= {"learned": [law.to_json() for law in self.learned]} if self.learned else {}
-        write_text(path, json.dumps(content, indent=1) + "\n")
+        write_text(path, json.dumps(content | optional, indent=1) + "\n")
 
     @classmethod
     def load(cls, path: Path | str, rows: int | None = None) -> SensorModel:

@@ -14,7 +14,7 @@ raises ValueError that names the file, says what is wrong and what to do. Files'
 """
 
 from jaxsim.files.arrays import array_names, digest, digest_of_values, read_arrays, write_arrays
-from jaxsim.files.claims import claim, differences
+from jaxsim.files.claims import claim, claim_settings, differences
 from jaxsim.files.code import loaded, making, need
 from jaxsim.files.images import check_image_file, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
@@ -39,6 +39,7 @@ __all__ = [
     "check_name",
     "check_size",
     "claim",
+    "claim_settings",
     "differences",
     "digest",
     "digest_of_values",

@@ -6,7 +6,9 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from jaxsim.files.texts import parse_json
+from pydantic import TypeAdapter
+
+from jaxsim.files.texts import parse_json, parse_settings
 from jaxsim.files.whole import replacing
 
 
@@ -59,6 +61,29 @@ def claim(
     if text is not None:
         with replacing(record) as path:
             path.write_bytes(text.encode() if isinstance(text, str) else text)
+
+
+def claim_settings(
+    record: Path, settings: Any, *, by: str, filled: bool | None = None, free: Collection[str] = ()
+) -> None:
+    """Claims the folder of `record` for what is made with a dataclass of settings, which the record keeps as JSON.
+
+    The other arguments, and the ValueErrors that are raised, are those of `claim`.
+    """
+    adapter = TypeAdapter(type(settings))
+
+    def plain(one: Any) -> Any:
+        return adapter.dump_python(one, mode="json")
+
+    claim(
+        record,
+        plain(settings),
+        by=by,
+        text=adapter.dump_json(settings, indent=1),
+        filled=filled,
+        read=lambda content: plain(parse_settings(type(settings), parse_json(content))),
+        free=free,
+    )
 
 
 def differences(old: Any, new: Any, name: str = "") -> Iterator[str]:

@@ -1,8 +1,8 @@
 """Learned intensity: pix2pixHD on (b, h, w, c) arrays. This stage knows nothing of LiDAR.
 
 convolution, layers         padded convolutions; the block that both networks are made of, and its norms
-networks, unet, looks       generator and discriminators; a generator of the U-Net's form; how it looks at a window
-losses, steps               GAN, features, VGG; everything that training changes, and its step
+networks, unet              generator and discriminators; a generator of the U-Net's form
+losses, steps               GAN, features, VGG; everything that training changes, its step, and the trained generator
 published, published_files  the original program's checkpoints
 """
 

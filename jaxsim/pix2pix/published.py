@@ -1,4 +1,4 @@
-"""Weights under the names and layouts of published checkpoints, to and from ours.
+"""Our weights from those under the names and layouts of published checkpoints.
 
 Kernels are (out, in, kh, kw) there, those of transposed convolutions (in, out, kh, kw) and turned by half a circle;
 the right singular vectors run over (in, kh, kw).
@@ -45,30 +45,17 @@ class Place(NamedTuple):
     """The kernel is a transposed convolution's."""
 
 
-def to_published(network: Network, form: Pix2PixForm = "imaginaire") -> dict[str, np.ndarray]:
-    """Published name -> array, of a generator's or a discriminator's values.
-
-    A network without singular vectors (the averaged generator) gives plain `weight` names.
-    """
-    places = _places(network, form)
-    return {
-        places[_keys(path)].name: _theirs(np.asarray(value), places[_keys(path)])
-        for tree in (network.parameters, network.vectors)
-        for path, value in jax.tree.leaves_with_path(tree)
-    }
-
-
 def from_published(arrays: Arrays, like: Network, form: Pix2PixForm = "imaginaire") -> Network:
     """Our values from published ones; `like` gives the structure and may be abstract (`jax.eval_shape`).
 
     Raises ValueError naming the arrays that are missing, have another shape, or have no place in the network; but
     running statistics that instance norms do not use are left alone.
     """
-    places = _places(like, form)
+    places = places_of(like, form)
     faults = []
 
     def adopt(path: Any, value: Any) -> np.ndarray:
-        slot = places[_keys(path)]
+        slot = places[keys_of(path)]
         shape = _their_shape(value.shape, slot)
         if slot.name not in arrays or arrays[slot.name].shape != shape:
             stored = arrays[slot.name].shape if slot.name in arrays else "missing"
@@ -89,14 +76,6 @@ def from_published(arrays: Arrays, like: Network, form: Pix2PixForm = "imaginair
     return network
 
 
-def _theirs(array: np.ndarray, slot: Place) -> np.ndarray:
-    if array.ndim == 4:
-        return array[::-1, ::-1].transpose(2, 3, 0, 1) if slot.transposed else array.transpose(3, 2, 0, 1)
-    if slot.name.endswith("weight_v"):
-        return array.reshape(slot.kernel_shape[:3]).transpose(2, 0, 1).reshape(-1)
-    return array
-
-
 def _ours(array: np.ndarray, slot: Place) -> np.ndarray:
     if array.ndim == 4:
         return array.transpose(2, 3, 0, 1)[::-1, ::-1] if slot.transposed else array.transpose(2, 3, 1, 0)
@@ -113,22 +92,23 @@ def _their_shape(shape: tuple[int, ...], slot: Place) -> tuple[int, ...]:
     return (narrow, wide, kh, kw) if slot.transposed else (wide, narrow, kh, kw)
 
 
-def _keys(path: Any) -> Keys:
+def keys_of(path: Any) -> Keys:
+    """The names along a path that `jax.tree` gives."""
     return tuple(step.key for step in path)
 
 
-def _places(network: Network, form: Pix2PixForm) -> dict[Keys, Place]:
+def places_of(network: Network, form: Pix2PixForm) -> dict[Keys, Place]:
     """The published place of every leaf by its path."""
-    spectral = {_keys(path)[:-1] for path, _ in jax.tree.leaves_with_path(network.vectors)}
+    spectral = {keys_of(path)[:-1] for path, _ in jax.tree.leaves_with_path(network.vectors)}
     kernels = {
-        _keys(path)[:-1]: leaf.shape
+        keys_of(path)[:-1]: leaf.shape
         for path, leaf in jax.tree.leaves_with_path(network.parameters)
-        if _keys(path)[-1] == "kernel"
+        if keys_of(path)[-1] == "kernel"
     }
     places = {}
     for path, _ in jax.tree.leaves_with_path((network.parameters, network.vectors)):
         # The first step says which of the two trees.
-        keys = _keys(path[1:])
+        keys = keys_of(path[1:])
         name = f"{_layer_name(keys[:-2], network.parameters, form)}.{LEAF_NAMES[form][keys[-2:]]}"
         if keys[-1] == "kernel" and keys[:-1] in spectral:
             # PyTorch keeps the trained kernel so; its `weight` is what the norm makes of it.

@@ -136,14 +136,29 @@ Coordinate = Callable[[Any], float]
 
 
 def x_axis(
-    canvas: Canvas, across: Coordinate, marks: Sequence[float], *, left: int, right: int, bottom: int, words: str
+    canvas: Canvas,
+    across: Coordinate,
+    marks: Sequence[float],
+    *,
+    left: int,
+    right: int,
+    bottom: int,
+    words: str,
+    told: Callable[[float], str] = label,
 ) -> None:
-    """A level axis with its marks and, below them, its words."""
+    """A level axis with its marks, each as it is `told`, and, below them, its words."""
     canvas.line([(left, bottom), (right, bottom)], colour=RULE)
     for value in marks:
         canvas.line([(across(value), bottom), (across(value), bottom + 4)], colour=FAINT)
-        canvas.text(across(value), bottom + 17, label(value), anchor="middle", size=11, colour=FAINT)
+        canvas.text(across(value), bottom + 17, told(value), anchor="middle", size=11, colour=FAINT)
     canvas.text((left + right) / 2, bottom + 36, words, anchor="middle", size=12)
+
+
+def level_lines(canvas: Canvas, up: Coordinate, marks: Sequence[float], *, left: int, right: Length) -> None:
+    """The marks of an upright axis: a hair line across the chart at each, its number to the left."""
+    for value in marks:
+        canvas.line([(left, up(value)), (right, up(value))], colour=HAIR)
+        canvas.text(left - 8, up(value) + 4, label(value), anchor="end", size=11, colour=FAINT)
 
 
 def _axes(
@@ -161,9 +176,7 @@ def _axes(
     def up(value: Any) -> float:
         return bottom - (value - y_low) / (y_high - y_low) * (bottom - top)
 
-    for value in ticks(y_low, y_high, 5):
-        canvas.line([(left, up(value)), (right, up(value))], colour=HAIR)
-        canvas.text(left - 8, up(value) + 4, label(value), anchor="end", size=11, colour=FAINT)
+    level_lines(canvas, up, ticks(y_low, y_high, 5), left=left, right=right)
     if y_low < 0 < y_high:
         canvas.line([(left, up(0)), (right, up(0))], colour=FAINT)
     x_axis(canvas, across, ticks(x_low, x_high, 7, whole=whole), left=left, right=right, bottom=bottom, words=x_label)

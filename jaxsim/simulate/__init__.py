@@ -6,8 +6,9 @@ grain          how the cells of a draw scatter together: `Grain`, fields that go
 grain_fit      learning it from measured frames: `learn_grain` (`jaxsim grain`)
 live           in a simulator's loop: each tick's view, or what a ray caster's rays meet, to a cloud
 sensor         `LearnedSensor`: a trained run
-frames         simulated frames on the host, effects on them, and beside measured ones of one drive for `discover`
-lambert        Lambert's law on measured ranges: what stands for a simulator until there is one
+frames         simulated frames on the host, and effects on them
+sides          what `discover` compares: simulated frames beside measured ones of one drive, or, until there is a
+               simulator, Lambert's law beside what was measured
 folder         a data set's frames as polar frames and clouds: `simulate_folder` (`jaxsim simulate`)
 clouds, trees  the clouds that detectors learn from, and KITTI trees of them: `export_trees` (`jaxsim export`)
 embedded       the sensor that travels with the package

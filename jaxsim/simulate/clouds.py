@@ -83,6 +83,7 @@ def make_cloud(
     lines = lines_of(recipe)
     if lines != NO_LINES:
         cells, rows = _cells(lines)
+        # Beams that the recipe names are kept instead of those that the published pattern keeps.
         beams = tuple(recipe.beams) or rows
         # The published lines belong with the published crop; a sensor's own beams bound what they see.
         dense = crop_cloud(dense) if lines in PATTERNS else dense

@@ -82,7 +82,7 @@ class Speed:
 
 
 Simulated = tuple[PolarImage, Painted, float]
-"""Of a batch, and the seconds that it took."""
+"""What the sensor reports of a batch, what was painted of its views, and the seconds that both took."""
 OF_NETWORK = 1
 """Tells a frame's draws by the network from those of its effects."""
 
@@ -92,7 +92,7 @@ class FrameBatch(NamedTuple):
 
     positions: tuple[int, ...]
     drawn: frozenset[int]
-    """Those of which pictures are drawn."""
+    """Which of these places have pictures drawn of their frames."""
     first_s: float
     """Time of the data set's first frame, which effects that drift count from."""
 
@@ -140,8 +140,8 @@ class FrameMaker:
         return simulate_batch(self.learned, frames, self.batch, keys=of_network, **how)
 
     def words(self, data: str) -> str:
-        """What makes frames of `data` in words: each kind of draws, and the most likely answer, is a making of its own,
-        and none goes on in another's folder."""
+        """The words `data` and, where frames are drawn, how. A folder is claimed by them, so that frames of the most
+        likely answer, of draws cell by cell, and of draws with one grain or another never mix."""
         if not self.draws:
             return data
         return f"{data}, drawn" + (f", grain {self.grain.fingerprint}" if self.grain else "")
@@ -289,13 +289,11 @@ def _has_frames(out: Path) -> bool:
 
 def _plain(effects_model: SensorModel | None) -> dict[str, Any]:
     """Names and parameters of the effects, as in sensor.json but each by itself."""
-    effects = effects_model.effects if effects_model else ()
-    origins = {name: origin for name, _ in effects if (origin := origin_of(name))}
-    plain = {"effects": [name for name, _ in effects], "parameters": [dict(parameters) for _, parameters in effects]}
-    learned = effects_model.learned if effects_model else ()
-    optional = ({"own": origins} if origins else {}) | (
-        {"learned": [law.to_json() for law in learned]} if learned else {}
-    )
-    regions = effects_model.regions if effects_model else {}
-    optional |= {"where": {name: region.to_json() for name, region in regions.items()}} if regions else {}
-    return plain | optional
+    model = effects_model or SensorModel()
+    origins = {name: origin for name, _ in model.effects if (origin := origin_of(name))}
+    return {
+        "effects": [name for name, _ in model.effects],
+        "parameters": [dict(parameters) for _, parameters in model.effects],
+        **({"own": origins} if origins else {}),
+        **model.optional(),
+    }

@@ -1,12 +1,11 @@
-"""Simulated frames on the host: batches of them, effects on them, and beside the scans of the drive they are of."""
+"""Simulated frames on the host: batches of them, and effects on them."""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -14,21 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.data import Dataset
-from jaxsim.data.polar_frames import about_frame, frame_names, write_frame, write_grid
 from jaxsim.effects import get_effect, scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import placed
 from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
-from jaxsim.geometry import incidence, scan_on_window
+from jaxsim.geometry import incidence
 from jaxsim.geometry.points import FAR_M
-from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.grain import Grain
-from jaxsim.simulate.predict import NetworkWindow, check_image
+from jaxsim.simulate.predict import check_image
 from jaxsim.simulate.sensor import LearnedSensor, Projection
-
-BATCH = 8
-"""Frames that a comparison simulates together."""
 
 
 def take(tree: Any, k: int) -> Any:
@@ -73,6 +67,9 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
     The incidence is that of the painted surface, with the rays that the network drops; where it cannot be told, the
     median.
     """
+    # A cell without neighbours may face anywhere. Effects act on this angle as on any other, so it is a common one, as
+    # `scan_of` takes where a file has no angles; a right angle, which stands for it in training pairs, would be among
+    # those on which effects of the incidence act most.
     angle, has_normal = jax.device_get(incidence(painted.range_m, painted.valid, grid))
     middle = np.median(angle[has_normal]) if has_normal.any() else 0
     return {
@@ -84,8 +81,11 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
 
 
 def begin_of(dataset: Dataset) -> float:
-    """When a data set's first frame was taken, 0 where it does not say: what drifts, or acts for a time alone, counts
-    from it, whichever frames are chosen."""
+    """When a data set's first frame was taken (s), 0 where it does not say.
+
+    What drifts, or acts for a time alone, counts from there, whichever frames are chosen: a frame is simulated alike
+    alone and among all.
+    """
     return dataset[0].time_s or 0.0
 
 
@@ -163,76 +163,3 @@ def check_motion(
             "has it in oxts/data and velodyne_points/timestamps.txt)",
             stacklevel=1,
         )
-
-
-def measured_in(window: NetworkWindow, frame: Frame, *, lines: int) -> PolarImage:
-    """The frame's own scan on a run's window (host memory); `lines` are all those of the sensor.
-
-    Raises ValueError where the cloud has no laser lines.
-    """
-    grid, row_share = window
-    if frame.cloud is None:
-        raise ValueError(f"{frame.name}: no LiDAR measured it; hold the run against a data set that has scans")
-    if frame.cloud.row is None:
-        raise ValueError(f"{frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows)")
-    return scan_on_window(frame.cloud, grid, row_share, lines=lines)
-
-
-def comparable(measured: PolarImage, seen: Array) -> PolarImage:
-    """What a run can be compared with: returns on cells that the camera saw. Those whose intensity rounds to 0 count
-    as lost, as they do in training: the network's 0 stands for both."""
-    return replace(measured, valid=measured.valid & (measured.intensity >= DROP_BELOW) & np.asarray(seen))
-
-
-def refuse_others(folder: Path, names: Sequence[str]) -> None:
-    """Raises ValueError where a folder that frames are to be written to holds others, of another comparison."""
-    if others := sorted({*frame_names(folder)} - {*names}):
-        raise ValueError(
-            f"discover: {folder} holds other frames ({', '.join(others[:3])} ...); give another --out, or remove it"
-        )
-
-
-def write_pairs(
-    learned: LearnedSensor,
-    dataset: Dataset,
-    positions: Sequence[int],
-    *,
-    out: Path,
-    log: Callable[[str], None] = lambda line: None,
-) -> tuple[Path, Path]:
-    """Simulates frames of a data set with a run and writes them to OUT/simulated, and the scans themselves, on the
-    same polar window, to OUT/measured. Returns the two folders.
-
-    The simulated frames are what the run reports: the range of the camera's dense depth (given, or completed from the
-    scan itself: `PrepareConfig.depth`), the network's intensity, and no return where that is 0. Only cells that the
-    camera saw hold anything on either side. grid.json names each frame's drive, and time, speed and heading where they
-    are known of all frames.
-
-    Raises ValueError where the folders hold frames of another comparison.
-    """
-    names = [dataset.name_of(p) for p in positions]
-    folders = out / "simulated", out / "measured"
-    for folder in folders:
-        refuse_others(folder, names)
-    window, lines = learned.window, learned.run.spec.rows
-    about: dict[str, dict[str, Any]] = {}
-    for first in range(0, len(positions), BATCH):
-        frames = [dataset[p] for p in positions[first : first + BATCH]]
-        images, painted, _ = simulate_batch(learned, frames, min(BATCH, len(positions)))
-        for k, frame in enumerate(frames):
-            image, under = take((images, painted), k)
-            write_frame(folders[0], frame.name, image, **rasters(under, window[0]))
-            scan = measured_in(window, frame, lines=lines)
-            write_frame(folders[1], frame.name, comparable(scan, under.valid))
-            about[frame.name] = about_frame(frame.scene, **motion_of(frame))
-        log(f"{len(about)} of {len(positions)} frames simulated")
-    # `scan_of` takes what a frame does not say for 0: it is given for all frames, or for none.
-    for key in ("time", "speed", "heading"):
-        lacking = [name for name, entry in about.items() if key not in entry]
-        if 0 < len(lacking) < len(about):
-            log(f"{len(lacking)} of {len(about)} frames do not say their {key} ({lacking[0]} ...): it is left out")
-            for entry in about.values():
-                entry.pop(key, None)
-    for folder in folders:
-        write_grid(folder, window[0], frames=about)
-    return folders

@@ -50,7 +50,7 @@ class Field(Checked):
     columns: NotNegative | None = 0.0
     """Cells along a row over which it falls to 1/e; none: all cells of a class are one."""
     rows: NotNegative | None = 0.0
-    """The same from row to row."""
+    """Cells down the rows over which it falls to 1/e; none as for `columns`."""
     edge_m: Positive | None = None
     """Bend of the range over which it falls to 1/e; none: it does not heed edges."""
 
@@ -91,7 +91,7 @@ class Grain(Checked):
 
 @struct.dataclass
 class Ranks:
-    """Of one draw, each evenly distributed over 0..1."""
+    """Where one draw lies in the distributions of its cells: ranks, each of them evenly distributed over 0..1."""
 
     intensity: Float[Array, "*b rows columns"]
     """Which quantile a ray reports that comes back."""
@@ -141,9 +141,12 @@ def _border(
     twice = both[:, 1:] & both[:, :-1]
     bend = jnp.where(twice, jnp.abs(step[:, 1:] - step[:, :-1]), jnp.inf)
     pad = lambda x, before, after: jnp.pad(x, ((0, 0), (before, after)), constant_values=jnp.inf)  # noqa: E731
-    # The side counts on which the surface goes on; a pair of cells alone counts by its step.
+    # A pair of cells has a second difference with the cell before it and one with the cell behind it. If an edge lies
+    # on one side only, the other difference is small: both are of one surface. A pair without either neighbour has
+    # nothing but its own step.
     least = jnp.minimum(pad(bend, 1, 0), pad(bend, 0, 1))
     least = jnp.where(jnp.isfinite(least), least, jnp.abs(step))
+    # A difference of inverse ranges times both ranges is one of ranges.
     metres = jnp.where(both, jnp.minimum(least * range_m[:, 1:] * range_m[:, :-1], BROKEN_M), BROKEN_M)
     changes = (label[0][:, 1:] != label[0][:, :-1]) | (label[1][:, 1:] != label[1][:, :-1])
     return (
@@ -202,7 +205,7 @@ def draw_ranks(grain: Grain, painted: Painted, key: Array, *, stays: Array | Non
         one = lambda view, of, stays: draw_ranks(grain, view, of, stays=stays)  # noqa: E731
         return jax.vmap(one)(painted, key, stays)
     on = breaks_of(painted.range_m, painted.valid, kind=painted.semantic, thing=painted.instance)
-    # Split alike, so that what stays does so in intensities and in drops.
+    # Both give one key to intensities and one to drops; without a key for what stays, they are the same keys.
     of = {"key": jax.random.split(key), "stays": jax.random.split(key if stays is None else stays)}
     return Ranks(
         ranks_of_fields(grain.intensity, on, of["key"][0], stays=of["stays"][0]),

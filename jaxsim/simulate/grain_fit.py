@@ -29,32 +29,36 @@ from jaxsim.progress import Progress
 from jaxsim.simulate.grain import Breaks, Field, Grain, breaks_of, drawn_of
 from jaxsim.simulate.predict import STEP, Prediction
 
+# Numbers whose text gives no reason are conventions.
 LAGS = (1, 2, 4, 8, 16, 32, 64, 128)
-"""Distances in columns and rows at which cells are compared."""
+"""Distances in columns and rows at which cells are compared: up to twice the longest of the fields."""
 BENDS_M = (0.05, 0.5)
 """Pairs of cells are compared by the greatest bend of the range between them: below the first, the second, or beyond.
 Also the edges that fields heed."""
 FIELD_LENGTHS = (1.0, 4.0, 16.0, 64.0)
-"""Of fields, in columns."""
+"""Lengths of the candidates, in columns; the shares mix those between which a length lies."""
 ROWS_A_COLUMN = (0.25, 1.0)
-"""Their lengths in rows: on the ground cells a row apart lie farther from each other than cells a column apart."""
+"""Their lengths in rows, over those in columns: on the ground cells a row apart lie farther from each other than cells
+a column apart."""
 CANDIDATES = (
     Field(1.0),
     Field(1.0, None, None),
     *(Field(1.0, n, n * ratio, edge) for n in FIELD_LENGTHS for ratio in ROWS_A_COLUMN for edge in (*BENDS_M, None)),
 )
 OUTER = 0.002
-"""Ranks are told from here to as far below 1."""
+"""Ranks are told from here to as far below 1, z within +-2.88: an intensity far off the distribution would otherwise be
+worth an infinite z."""
 DRAWS_OF_FIELD = 4
-"""Of each field on each frame."""
+"""Draws of each candidate on each frame; their mean products stand for how alike it makes cells."""
 FEWEST_PAIRS = 50
-"""Pairs of cells whose mean product counts."""
+"""So many pairs of cells of one distance, direction and bend make a mean product that counts."""
 ORDERS = 24
-"""Terms of the series."""
+"""Terms of the series: up to a correlation of 0.9 it is within 0.002 of what it stands for (`pytest
+tests/simulate/test_grain_fit.py -k series`)."""
 LEAST_FIELD_SHARE = 0.005
-"""Shares below this are left out."""
+"""Shares of the variance below this are left out: every field that is kept is drawn for every frame."""
 FRAMES = 32
-"""As many are looked at, evenly spread over what is given: more tell the same."""
+"""As many frames are looked at, evenly spread over what is given: more tell the same."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ class GrainScan:
     looked: Bool[np.ndarray, "rows columns"]
     """Cells of which the network says anything."""
     back: Bool[np.ndarray, "rows columns"]
-    """Of these, cells that reported an intensity."""
+    """Cells that reported an intensity above 0, whether the network says anything of them or not."""
     intensity: Float[np.ndarray, "rows columns"]
     quantiles: Float[np.ndarray, "rows columns q"]
     drop_share: Float[np.ndarray, "rows columns"]

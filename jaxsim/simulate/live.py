@@ -30,6 +30,7 @@ from jaxsim.simulate.predict import Generate, NetworkWindow, check_image, simula
 OF_CAMERA = ("rgb", "surroundings")
 """Inputs that a camera alone knows."""
 CALLS = 5
+"""Calls whose median is the latency."""
 log = logging.getLogger(__name__)
 _Raster = Float[Array, "*b rows columns"]
 
@@ -125,9 +126,10 @@ class LiveRays:
 
 
 def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generate) -> Live:
-    """Compiles the sensor for views like this one, of its size, batch, camera and labels; tells the latency.
+    """Compiles the sensor for views like this one, of its size, batch, camera and labels, and logs what a call takes.
 
-    Raises ValueError where the images are not like those that the run learned from, or the view lacks depth or labels.
+    Raises ValueError where the images are not like those that the run learned from, or where the view lacks depth or
+    labels.
     """
     prepare = run.experiment.prepare
     size = view.rgb.shape[-3:-1]

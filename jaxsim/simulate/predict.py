@@ -33,8 +33,9 @@ NetworkWindow = tuple[PolarGrid, Float[Array, " rows"]]
 ASPECT = 0.02
 SIZE = 0.03
 VIEW = 0.05
-"""By how much aspect ratio, size and field of view may differ. KITTI's own images (1224 x 370 .. 1242 x 376) differ by
-0.004 in aspect ratio and by 0.015 in size."""
+"""By how much, as a share of the run's, the images' aspect ratio, size and field of view may differ. KITTI's own images
+(1224 x 370 .. 1242 x 376) differ by 0.004 in aspect ratio and by 0.015 in size, and have to pass. A field of view
+counts only without projection, where pixels stand for rays; its limit is a convention."""
 
 
 @struct.dataclass
@@ -45,7 +46,7 @@ class Prediction:
     """0..0.99 in steps of 1/100, also of a cell that drops: what it would report, by the median."""
     drops: Bool[Array, "*b rows columns"]
     quantiles: Float[Array, "*b rows columns k"] | None = None
-    """Those of QUANTILES of the intensity, 0..1, of a ray that comes back."""
+    """Quantiles of the intensity, 0..1, of a ray that comes back, at the probabilities QUANTILES."""
     drop_share: _Cells | None = None
     """Probability that the ray is lost or reports 0."""
 
@@ -58,9 +59,9 @@ class Prediction:
 def drawn(says: Prediction, key: Array, ranks: Ranks | None = None) -> _Cells:
     """Intensity 0..0.99 of one draw from a network's distribution; 0 is a ray that does not come back.
 
-    A ray drops with its own probability; else its intensity is the quantile of an even draw: linear between QUANTILES,
-    and as steep as beside the outer ones beyond them. Cells are drawn each for itself, or have the `ranks` that are
-    given (`draw_ranks`). `key` has the batch's dims.
+    A ray drops with its own probability; else its intensity is the quantile at a probability that is drawn evenly from
+    0..1. Quantiles are linear between those at QUANTILES, and beyond the outer ones they go on as steeply as beside
+    them. Each cell is drawn for itself, unless `ranks` are given (`draw_ranks`). `key` has the batch's dims.
 
     Raises ValueError where the network gives no distribution.
     """
@@ -140,11 +141,13 @@ def predict_cells(
     outputs = generate(params, inputs)
     channels = jnp.moveaxis(outputs, -1, 0).reshape(outputs.shape[-1], *batch, *outputs.shape[1:3])
     channels = resample(channels, (rows, columns), batch_dims=len(batch) + 1)
+    # A unet gives a channel for each of QUANTILES and one of the drop; other generators give one intensity.
     distribution = outputs.shape[-1] > len(QUANTILES)
     # The generator's -1..1 is intensity 0..1, here put on the steps that the sensor reports.
     values = (channels + 1) / 2
     if not distribution:
         intensity = _on_steps(values[0])
+        # Lost rays were learned as intensity 0 (`make_batch`): what rounds to 0 is one.
         return Prediction(intensity, intensity < STEP / 2)
     # Each quantile is learned by itself, and they may cross; in order they are no worse (Chernozhukov et al. 2010).
     quantiles = jnp.clip(jnp.sort(jnp.moveaxis(values[: len(QUANTILES)], 0, -1), axis=-1), 0, 1)
@@ -242,6 +245,8 @@ def simulate_unprojected(
     prepare: PrepareConfig,
 ) -> tuple[PolarImage, Painted]:
     """As `simulate_frame`, but the network sees the view without projection; then its answer is carried to the grid."""
+    # The network's answer is one more raster of the camera's pixels: each cell takes it from the very pixel that gives
+    # it range and labels.
     intensity = camera_intensity(params, view, grid, row_share=row_share, generate=generate, prepare=prepare)
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     carried = paint_raster(intensity, view, grid, occlusion_m=prepare.occlusion_m)

@@ -95,10 +95,7 @@ class TreePlan:
             "effects": self.effects_model and self.effects_model.effects,
         }
         # Keys only where they say something: a tree that was begun without them goes on.
-        if self.effects_model and self.effects_model.learned:
-            made["learned"] = [law.to_json() for law in self.effects_model.learned]
-        if self.effects_model and self.effects_model.regions:
-            made["where"] = {name: region.to_json() for name, region in self.effects_model.regions.items()}
+        made |= self.effects_model.optional() if self.effects_model else {}
         # As the file gives it back: what is compared with it must have lists for tuples.
         return json.loads(json.dumps(source | files | asdict(self.labels) | recipe | made))
 
@@ -123,7 +120,8 @@ class Todo(NamedTuple):
     trees: tuple[int, ...]
     """Those that lack it, by their places among the plans."""
     first_s: float
-    """Time of the data set's first frame, which effects that drift count from; data sets count from 1970."""
+    """Time of the data set's first frame (s), from which effects that drift count: data sets count from 1970, of which
+    single precision keeps no seconds."""
 
 
 class MadeFrame(NamedTuple):
@@ -244,6 +242,7 @@ def _write_frame(dataset: Dataset, position: int, plan: TreePlan, *, frame: Fram
     key = jax.random.fold_in(jax.random.key(0), position)
     cloud = make_cloud(frame, plan.recipe, plan.learned, effects_model=plan.effects_model, key=key)
     points = int(np.asarray(cloud.valid).sum())
+    # No reader of KITTI's format takes a cloud without a point (`check_cloud`).
     if not points:
         return entry | {"left_out": "no point"}
     rect = frame.rect_from_velo

@@ -12,7 +12,7 @@ from benchmarks.blind.hidden import list_effects
 from benchmarks.blind.pictures import save_pictures
 from benchmarks.blind.plan import DEVELOPMENT, Counts, Job, Settings, plan
 from benchmarks.blind.rivals import RIVALS, best_covariate, judge_rival
-from benchmarks.blind.rows import append_row, check_settings, read_rows
+from benchmarks.blind.rows import append_row, check_settings, read_rows, run_cases
 from benchmarks.blind.tables import closures, summary, wilson
 
 pytestmark = pytest.mark.long
@@ -107,6 +107,22 @@ def test_a_half_written_row_is_cut_off_and_the_last_row_of_a_case_counts(tmp_pat
     path.write_text("no row\n")
     with pytest.raises(ValueError, match="line 1 is no row"):
         read_rows(path)
+
+
+def test_only_cases_that_are_missing_are_answered_and_the_table_is_of_all(tmp_path, capsys):
+    asked = []
+
+    def case(key):
+        return lambda: asked.append(key) or {"key": key, "settings": {}}
+
+    cases = {key: case(key) for key in "abc"}
+    for most in (2, None):
+        run_cases(tmp_path, cases, summary=lambda rows: f"{len(rows)} rows", most=most)
+    assert asked == ["a", "b", "c"]
+    assert (tmp_path / "summary.md").read_text() == "3 rows\n"
+    assert capsys.readouterr().out == "2 rows\n3 rows\n"
+    with pytest.raises(ValueError, match="sealed False"):
+        run_cases(tmp_path, cases, summary=str, settings={"sealed": True})
 
 
 def test_cases_of_other_settings_are_not_mixed():

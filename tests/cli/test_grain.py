@@ -1,7 +1,6 @@
 """`jaxsim grain`, and draws of a run with and without one."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -11,9 +10,8 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.data.polar_frames import read_frame, read_grid
 from jaxsim.simulate.grain import FILE, read_grain
-from jaxsim.train.experiments import load_experiment
 from tests.programs import SMALL
-from tests.untrained import untrained_run
+from tests.untrained import tiny_experiment, untrained_run
 
 pytestmark = pytest.mark.long
 
@@ -99,15 +97,8 @@ def test_a_run_of_before_is_told_what_to_do_and_draws_cells_alone(simulate, work
 
 
 def test_a_network_of_one_intensity_a_cell_has_no_grain_to_learn_and_nothing_to_draw(tmp_path, monkeypatch):
-    base, _ = load_experiment("synthetic")
-    experiment = replace(
-        base,
-        data=replace(base.data, validation="0"),
-        prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
-        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
-    )
     monkeypatch.chdir(tmp_path)
-    run = untrained_run(tmp_path / "plain", experiment)
+    run = untrained_run(tmp_path / "plain", tiny_experiment(validation="0"))
     with pytest.raises(SystemExit, match="no distribution to draw from"):
         main(["grain", str(run)])
     with pytest.raises(SystemExit, match=r"leave out --draws, or train one with --generator\.form unet"):

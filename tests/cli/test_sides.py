@@ -19,11 +19,10 @@ from jaxsim.discover import discover_folders
 from jaxsim.discover.read import read_comparison
 from jaxsim.frame import PolarImage
 from jaxsim.pairs.prepared import prepared
-from jaxsim.simulate.frames import comparable, measured_in
 from jaxsim.simulate.sensor import load
-from jaxsim.train.experiments import load_experiment
+from jaxsim.simulate.sides import comparable, measured_in
 from tests.report import results
-from tests.untrained import untrained_run
+from tests.untrained import tiny_experiment, untrained_run
 
 pytestmark = pytest.mark.long
 
@@ -36,15 +35,7 @@ PLAIN = vars(Discover(out=Path("out"), unpaired=True))
 def run(tmp_path_factory) -> Path:
     """A run on the embedded world that has saved its first, random, generator."""
     folder = tmp_path_factory.mktemp("runs") / "tiny"
-    base, _ = load_experiment("synthetic")
-    experiment = replace(
-        base,
-        data=replace(base.data, train="0", validation=FRAMES, cache=folder.parent / "cache"),
-        prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
-        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
-        discriminator=replace(base.discriminator, filters=4, max_filters=8),
-    )
-    return untrained_run(folder, experiment)
+    return untrained_run(folder, tiny_experiment(train="0", validation=FRAMES, cache=folder.parent / "cache"))
 
 
 @pytest.fixture(scope="module")

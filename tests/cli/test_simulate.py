@@ -1,25 +1,15 @@
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from jaxsim.cli import main
 from jaxsim.simulate.folder import Speed
-from jaxsim.train.experiments import load_experiment
-from tests.untrained import untrained_run
+from tests.untrained import tiny_experiment, untrained_run
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("runs") / "tiny"
-    base, _ = load_experiment("synthetic")
-    experiment = replace(
-        base,
-        data=replace(base.data, validation="0-2"),
-        prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
-        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
-    )
-    return untrained_run(folder, experiment)
+    return untrained_run(tmp_path_factory.mktemp("runs") / "tiny", tiny_experiment(validation="0-2"))
 
 
 def files_of(out: Path) -> dict[str, bytes]:

@@ -11,11 +11,10 @@ from jaxsim.config import DataConfig
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.frame import Frame
 from jaxsim.geometry import preset
-from jaxsim.train.experiments import load_experiment
 from tests.data.drives import write_step
 from tests.data.round_room import scan, write_image, write_scan
 from tests.data.virtual_drives import write_vkitti2
-from tests.untrained import untrained_run
+from tests.untrained import tiny_experiment, untrained_run
 
 P2 = "721.5377 0 609.5593 44.85728 0 721.5377 172.854 0.2163791 0 0 1 0.002745884"
 R0 = "0.9999239 0.00983776 -0.007445048 -0.009869795 0.9999421 -0.004278459 0.007402527 0.004351614 0.9999631"
@@ -108,12 +107,10 @@ def virtual_root(virtual, tmp_path) -> Path:
 @pytest.fixture(scope="session")
 def step_run(tmp_path_factory) -> Path:
     """A run of KITTI-STEP that has saved a random generator."""
-    folder = tmp_path_factory.mktemp("runs") / "step"
-    base, _ = load_experiment("synthetic")
+    tiny = tiny_experiment()
     experiment = replace(
-        base,
+        tiny,
         data=DataConfig(kind="kitti_step", root=Path("not/here"), scenes=("0000",), train="training"),
-        prepare=replace(base.prepare, columns=64, network_size=(64, 128), depth="ip_basic"),
-        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+        prepare=replace(tiny.prepare, depth="ip_basic"),
     )
-    return untrained_run(folder, experiment)
+    return untrained_run(tmp_path_factory.mktemp("runs") / "step", experiment)

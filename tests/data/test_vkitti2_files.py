@@ -33,7 +33,7 @@ def test_published_rows_are_read_as_they_mean(virtual_root):
         "-3.088518 1.056862 55.55215 1.638601 -0.01539355 0.03731001",
     )
     (thing,) = read_objects(folder)[25, 0]
-    assert (thing.kind, thing.track, thing.pixels, thing.moving) == ("Van", 0, 41767, False)
+    assert (thing.kind, thing.track, thing.pixels) == ("Van", 0, 41767)
     assert thing.bbox_px == (988, 159, 1241, 374)
     assert thing.size_m == (3.617188, 1.776562, 1.421875)
     assert thing.centre_m == (-3.088518, 1.056862, 55.55215)

@@ -13,10 +13,10 @@ from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.name.select import choose
 from jaxsim.effects import EFFECTS, Effect, Parameter, all_rays, get_effect
-from jaxsim.effects.check import small_street
 from jaxsim.effects.edits import brighten
 from jaxsim.effects.origin import Origin
 from jaxsim.effects.own import own_effect, register_effect
+from jaxsim.effects.street import small_street
 from tests.discover.toy import device, toy
 from tests.effects.own import forgetful  # noqa: F401  (a fixture)
 from tests.report import results

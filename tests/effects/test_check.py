@@ -7,7 +7,6 @@ from jaxsim.effects.own import known_effects
 from tests.effects.own import forgetful, write  # noqa: F401  (a fixture)
 
 pytestmark = pytest.mark.usefixtures("forgetful")
-SHARE = 'p["share"]'
 
 
 def parameter(neutral: object = 0.0, low: object = 0.0, high: object = 1.0, scale=0.3, more=""):

@@ -9,8 +9,8 @@ import pytest
 
 from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.check import small_street
 from jaxsim.effects.region import Region, within
+from jaxsim.effects.street import small_street
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 GAIN = ("random_dropout", {"probability": 0.5})

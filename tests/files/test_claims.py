@@ -1,10 +1,11 @@
 """One claim for every command's folder."""
 
 import json
+from dataclasses import dataclass, replace
 
 import pytest
 
-from jaxsim.files import claim
+from jaxsim.files import claim, claim_settings
 
 
 def claimed(folder, made, **settings):
@@ -60,3 +61,21 @@ def test_a_folder_that_moved_and_a_long_list_are_told_in_words(tmp_path):
         claimed(tmp_path, {"clouds": "/b", "frames": list(range(20))})
     with pytest.raises(ValueError, match=r"frames was 20 values \(0 \.\.\. 19\), now \[0\]"):
         claimed(tmp_path, {"clouds": "/a", "frames": [0]})
+
+
+@dataclass(frozen=True)
+class Oven:
+    heat: int = 200
+    racks: tuple[int, ...] = (1, 2)
+
+
+def test_a_dataclass_of_settings_claims_a_folder_and_comes_back_from_its_record(tmp_path):
+    record = tmp_path / "oven.json"
+    claim_settings(record, Oven(), by="bake", free=["racks"])
+    claim_settings(record, Oven(racks=(3,)), by="bake", free=["racks"])
+    assert json.loads(record.read_text()) == {"heat": 200, "racks": [3]}
+    with pytest.raises(ValueError, match=r"^bake: .*heat was 200, now 180\);.*free to change are racks"):
+        claim_settings(record, replace(Oven(), heat=180), by="bake", free=["racks"])
+    record.write_text('{"heat": "hot"}')
+    with pytest.raises(ValueError, match=r"oven\.json cannot be read"):
+        claim_settings(record, Oven(), by="bake")

@@ -12,8 +12,6 @@ from jaxsim.metrics.detection import evaluate, read_detections, read_truth
 from jaxsim.report.detection import detection_table, write_detection
 from tests.metrics.made_detection import car, many, scores
 
-CAR = "Car 0.00 0 0.00 {left:.2f} 100.00 {right:.2f} {bottom:.2f} 1.50 1.60 3.90 {x:.2f} 1.60 20.00 0.00"
-
 
 def region(place):
     left = 90.0 * place

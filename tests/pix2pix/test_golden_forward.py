@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jaxsim.pix2pix.losses import adversarial, feature_matching, hinge, perceptual, vgg_features
-from jaxsim.pix2pix.published import to_published
 from jaxsim.pix2pix.steps import discriminator_definition, generator_definition, join, split
+from tests.pix2pix.published_names import to_published
 
 
 def channels_first(x):

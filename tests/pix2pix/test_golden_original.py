@@ -18,8 +18,9 @@ from jaxsim.pix2pix.losses import (
     vgg_features,
 )
 from jaxsim.pix2pix.networks import Discriminator, Generator
-from jaxsim.pix2pix.published import from_published, to_published
+from jaxsim.pix2pix.published import from_published
 from jaxsim.pix2pix.steps import join, split
+from tests.pix2pix.published_names import to_published
 from tests.pix2pix.rule import draw, draw_vgg
 from tests.quick import quick_jit
 

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.pix2pix.published import to_published
 from jaxsim.pix2pix.steps import Network, TrainState, make_train_step, optimiser
+from tests.pix2pix.published_names import to_published
 
 pytestmark = pytest.mark.long
 

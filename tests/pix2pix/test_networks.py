@@ -10,8 +10,8 @@ from flax import nnx
 
 from jaxsim.config import DiscriminatorConfig, GeneratorConfig
 from jaxsim.pix2pix.networks import Discriminator, Generator
-from jaxsim.pix2pix.published import to_published
 from jaxsim.pix2pix.steps import Network, join, split
+from tests.pix2pix.published_names import to_published
 from tests.quick import quick_jit
 
 

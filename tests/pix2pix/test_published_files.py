@@ -11,7 +11,6 @@ from flax import nnx
 from jaxsim import devices
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig
 from jaxsim.pix2pix.networks import Discriminator, Generator
-from jaxsim.pix2pix.published import to_published
 from jaxsim.pix2pix.published_files import (
     CONVERTERS,
     discriminator_sizes,
@@ -22,6 +21,7 @@ from jaxsim.pix2pix.published_files import (
 )
 from jaxsim.pix2pix.steps import Network, TrainState, create_state, make_train_step, split, state_shapes
 from jaxsim.weights import convert
+from tests.pix2pix.published_names import to_published
 
 CHANNELS = 5
 GENERATORS = [

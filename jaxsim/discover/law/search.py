@@ -25,9 +25,10 @@ from jaxtyping import Float
 from jaxsim.discover.covariates import ALTERNATING
 from jaxsim.discover.law.learn import LearnedFit
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import jackknife_sd, student_reach
+from jaxsim.discover.scenes import jackknife_sd
 from jaxsim.discover.verdict import ClosedLaw, Interval
 from jaxsim.effects.learned import CHANGE_UNITS
+from jaxsim.metrics.intervals import student_reach
 
 Constants = Float[np.ndarray, " c"]
 _Columns = Float[np.ndarray, "c n m"]

@@ -169,7 +169,7 @@ class Evidence:
     """Squared standard deviation of ln I that follows from levels read off the frames, nats^2: of what the simulator
     means, where noise of its own hides it; and of the sensor's readings by noise that is the same for all."""
     known_range_variance: Float[Array, "#b #c #r"]
-    """The same of the range that the simulator means, m^2."""
+    """Squared scale, m^2, of what noise of the simulator's own leaves unknown of the range that it means."""
     own_step: Float[Array, " 2"]
     """Lattices of the simulator's own intensities and ranges; 0 for none."""
     scenes: int = struct.field(pytree_node=False, default=0)

@@ -40,19 +40,19 @@ class Noise:
     wide: Float[Array, "*k"]
     """Rate of ranges far off, on smooth surfaces."""
     wide_edge: Float[Array, "*k"]
-    """The same at edges."""
+    """Rate of ranges far off, at edges."""
     switch_edge: Float[Array, "*k"]
     """Rate at which edges read a neighbour's range."""
     drop: Float[Array, "*k"]
     """Rate of rays lost, on smooth surfaces."""
     drop_edge: Float[Array, "*k"]
-    """The same at edges and depth steps."""
+    """Rate of rays lost, at edges and depth steps."""
     drop_sky: Float[Array, "*k"]
-    """The same beside rays that hit nothing, where a beam or two of a silhouette goes past it."""
+    """Rate of rays lost beside rays that hit nothing, where a beam or two of a silhouette goes past it."""
     false: Float[Array, "*k"]
     """Rate of returns where the simulated ray hits nothing."""
     false_edge: Float[Array, "*k"]
-    """The same beside a surface."""
+    """Rate of returns where the simulated ray hits nothing, beside a surface."""
 
 
 START = Noise(

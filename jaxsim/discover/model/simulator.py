@@ -142,7 +142,7 @@ def _meant_intensities(scan: Scan, smooth: Smooth, noise: Levels) -> tuple[Scan,
 
 
 def _log(level: Float[Array, "f r c"]) -> Float[Array, "f r c"]:
-    """Its logarithm, of FLOOR where it is less."""
+    """The natural logarithm of an intensity, or of FLOOR where that is more."""
     return jnp.log(jnp.maximum(level, FLOOR))
 
 

@@ -24,7 +24,7 @@ from jaxsim.frame import Array
 REACH_RAD = np.deg2rad(2.5)
 """Half width of the windows in which surfaces are made smooth."""
 LEAST_HALF, MOST_HALF = 4, 16
-"""The same in columns, at least and at most."""
+"""Half width of these windows in columns, at least and at most, whatever angle that is."""
 ROWS, COLUMNS = 2, 9
 """Rows to each side, and columns in all, of which a window is made."""
 STEEPEST_SLOPE = 3.0
@@ -81,7 +81,7 @@ class Window:
 
     @property
     def bent(self) -> list[Array]:
-        """The same with squares, for cylinders and other surfaces that bend."""
+        """Terms of `design` and the squares of left and up, for cylinders and other surfaces that bend."""
         return [*self.design, self.left**2, self.up**2]
 
 

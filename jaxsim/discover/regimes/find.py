@@ -21,11 +21,11 @@ from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_dis
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
 from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells_of, questions
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import ratio_interval
 from jaxsim.discover.verdict import Interval, Regime
 from jaxsim.effects import Law
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region, within
+from jaxsim.metrics.intervals import ratio_interval
 
 OF_FIT = "of the fit inside"
 """Unit of sizes."""

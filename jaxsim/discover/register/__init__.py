@@ -36,8 +36,8 @@ from jaxsim.discover.register.registration import (
     turned,
 )
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import half_width, student_reach
 from jaxsim.effects.rays import Scan
+from jaxsim.metrics.intervals import half_width, student_reach
 
 NOISE_M = 0.05
 """Standard deviation of a point about its plane: what priors are weighed against."""

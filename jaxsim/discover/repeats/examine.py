@@ -26,10 +26,10 @@ from jaxsim.discover.repeats.find import FoundPattern, find_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, learn_repeats, pattern_form
 from jaxsim.discover.repeats.maps import Maps, maps_of
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.verdict import ClosedLaw, Interval, Unexplained
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import CHANGE_UNITS, Learned
+from jaxsim.metrics.intervals import student_reach
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,9 @@ from jaxtyping import Bool, Float, Num
 from jaxsim.discover.name.unexplained import LETTER
 from jaxsim.discover.repeats.maps import Maps, PatternMap, PatternScale, scales
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import attainable, jackknife_half_width, p_value, signs_of
+from jaxsim.discover.scenes import attainable, p_value, signs_of
 from jaxsim.discover.verdict import Interval, Repeat
+from jaxsim.metrics.intervals import jackknife_half_width
 
 SIGNS_AT_ONCE = 256
 """Choices of signs that are looked at together."""

@@ -18,12 +18,12 @@ from jaxtyping import Float
 from jaxsim.discover.add import interval_of
 from jaxsim.discover.model.parameters import fitted_parameters, to_values, to_z
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.unpaired.columns import Columns, change_of, derivatives
 from jaxsim.discover.unpaired.conditional import Conditional
 from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect
+from jaxsim.metrics.intervals import student_reach
 
 NEWTON_STEPS = 12
 """Gauss-Newton steps at most."""

@@ -7,8 +7,7 @@ OUT/trees/KIND/       KITTI trees of the renderer's frames
 OUT/detectors/seed0/  a run for each kind, and `real`
 OUT/scores/seed0/     TRAINED_on_JUDGED.json
 
-`stages` makes them one after the other, `simulation` those of the sensor; `scores` reads what was scored, `charts` and
-`page` show it.
+`stages` makes them one after the other; `scores` reads what was scored, `charts` and `page` show it.
 """
 
 from __future__ import annotations
@@ -16,10 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pydantic import TypeAdapter
-
 from jaxsim.config import CloudRecipe, DataConfig, DetectorExperiment, Experiment, LoopConfig
-from jaxsim.files import claim, parse_json, parse_settings
+from jaxsim.files import claim_settings
 
 REAL = "real"
 CLOUD_KINDS: dict[str, tuple[CloudRecipe, str]] = {
@@ -123,15 +120,6 @@ def claim_loop(config: LoopConfig) -> Loop:
         if not values or len({*values}) < len(values):
             raise ValueError(f"real2sim2real: --{flag} are {values}; give some, and each once")
     path = config.out / "loop.json"
-    adapter = TypeAdapter(LoopConfig)
     begun = any((config.out / name).exists() for name in ("intensity", "trees", "detectors"))
-    claim(
-        path,
-        adapter.dump_python(config, mode="json"),
-        by="real2sim2real",
-        text=adapter.dump_json(config, indent=1),
-        filled=path.is_file() and begun,
-        read=lambda record: adapter.dump_python(parse_settings(LoopConfig, parse_json(record)), mode="json"),
-        free=("kinds", "seeds", "out"),
-    )
+    claim_settings(path, config, by="real2sim2real", filled=path.is_file() and begun, free=("kinds", "seeds", "out"))
     return Loop(config)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from math import ceil, floor, log10
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +24,8 @@ from jaxsim.metrics.cloud_checks import (
     compare_clouds,
     drop_map,
 )
-from jaxsim.report.canvas import FAINT, INK, RULE, Canvas, save_figure
+from jaxsim.report.canvas import Canvas, save_figure
+from jaxsim.report.charts import level_lines, x_axis
 from jaxsim.report.pictures import Rgb, colour_scalar, strip
 from jaxsim.report.results import markdown_table, number_or_none, write_results
 from jaxsim.studies.real2sim2real import REAL
@@ -119,23 +120,24 @@ def epochs_chart(curves: Mapping[str, Sequence[Sequence[float]]]) -> Canvas | No
     width, height = 560, 260
     canvas = Canvas(max(_LEFT + width + 20, _LEFT + _KEY * len(curves)), _TOP + height + 50)
     _colour_key(canvas, tuple(curves))
-    x = _LEFT + width * (np.arange(count) + 0.5) / count
-    _rules(canvas, [top * part / 5 for part in range(6)], left=_LEFT, width=width, height=height)
-    for k in range(count):
-        words = "last" if k == count - 1 else f"last - {count - 1 - k}"
-        canvas.text(float(x[k]), _TOP + height + 16, words, anchor="middle", size=11, colour=FAINT)
+    right, bottom = _LEFT + width, _TOP + height
+    middle = lambda k: _LEFT + width * (k + 0.5) / count  # noqa: E731
+    up = lambda ap: bottom - height * ap / top  # noqa: E731
+    level_lines(canvas, up, [top * part / 5 for part in range(6)], left=_LEFT, right=right)
+    words = lambda k: "last" if k == count - 1 else f"last - {count - 1 - k}"  # noqa: E731
+    x_axis(canvas, middle, range(count), left=_LEFT, right=right, bottom=bottom, words="checkpoint", told=words)
+    x = middle(np.arange(count))
     for k, seeds in enumerate(curves.values()):
         if not seeds:
             continue
         colour = KIND_COLOURS[k]
         values = np.array([one[-count:] for one in seeds], float)
         for one in values if len(values) > 1 else ():
-            canvas.line(np.column_stack([x, _TOP + height * (1 - one / top)]), colour=colour, width=0.5)
-        y = _TOP + height * (1 - values.mean(0) / top)
+            canvas.line(np.column_stack([x, up(one)]), colour=colour, width=0.5)
+        y = up(values.mean(0))
         canvas.line(np.column_stack([x, y]), colour=colour, width=2)
         for a, b in zip(x, y, strict=True):
             canvas.dot(float(a), float(b), colour=colour, radius=3)
-    canvas.text(_LEFT + width / 2, _TOP + height + 36, "checkpoint", anchor="middle", size=12, colour=INK)
     canvas.text(14, _TOP + height / 2, "3D AP, moderate, %", anchor="middle", size=12, turned=True)
     return canvas
 
@@ -146,14 +148,6 @@ def _colour_key(canvas: Canvas, kinds: Sequence[str]) -> None:
         x = _LEFT + k * _KEY
         canvas.line([(x, 14), (x + 20, 14)], colour=KIND_COLOURS[k], width=2)
         canvas.text(x + 25, 18, kind, size=12)
-
-
-def _rules(canvas: Canvas, marks: Sequence[float], *, left: float, width: float, height: float) -> None:
-    """Level lines at even steps from the bottom up, each with its mark."""
-    for k, mark in enumerate(marks):
-        y = _TOP + height * (1 - k / (len(marks) - 1))
-        canvas.line([(left, y), (left + width, y)], colour=RULE, width=0.5)
-        canvas.text(left - 6, y + 4, f"{mark:g}", anchor="end", size=11, colour=FAINT)
 
 
 def _shares(counts: Counts, panel: _Panel) -> dict[str, Shares]:
@@ -176,32 +170,32 @@ def _histograms(counts: Counts, panels: Sequence[_Panel]) -> Canvas:
     return canvas
 
 
-def _draw(canvas: Canvas, counts: Counts, panel: _Panel, *, left: float) -> None:
+def _draw(canvas: Canvas, counts: Counts, panel: _Panel, *, left: int) -> None:
     shares = _shares(counts, panel)
     edges, step = EDGES[panel.quantity][:: panel.together], _STEP[panel.quantity]
     middles = (edges[1:] + edges[:-1]) / 2
     first, last = _span(shares, edges, step)
     top = 1.0 if panel.logarithmic else _round_up(max((float(share.max()) for share in shares.values()), default=0.0))
 
-    def x_of(value: float) -> float:
+    def across(value: Any) -> Any:
         return left + (value - first) / (last - first) * _WIDTH
 
-    def y_of(share: Shares) -> Shares:
+    def up(share: Any) -> Any:
         # No share is none: below the last decade the line lies on the axis.
         level = np.log10(np.maximum(share, 1e-9)) / _DECADES + 1 if panel.logarithmic else share / top
         return _TOP + _HEIGHT * (1 - np.clip(level, 0, 1))
 
     marks = [10.0 ** (part - _DECADES) if panel.logarithmic else top * part / 4 for part in range(5)]
-    _rules(canvas, marks, left=left, width=_WIDTH, height=_HEIGHT)
-    for value in np.arange(first, last + 1e-9, step):
-        canvas.text(x_of(value), _TOP + _HEIGHT + 16, f"{value:g}", anchor="middle", size=11, colour=FAINT)
-    canvas.text(left + _WIDTH / 2, _TOP + _HEIGHT + 36, panel.words, anchor="middle", size=12, colour=INK)
+    right, bottom = left + _WIDTH, _TOP + _HEIGHT
+    level_lines(canvas, up, marks, left=left, right=right)
+    steps = np.arange(first, last + 1e-9, step).tolist()
+    x_axis(canvas, across, steps, left=left, right=right, bottom=bottom, words=panel.words)
     for k, name in enumerate(counts):
         if name in shares:
             seen = (middles > first) & (middles < last)
-            points = [(x_of(float(m)), float(y)) for m, y in zip(middles[seen], y_of(shares[name][seen]), strict=True)]
+            points = np.column_stack([across(middles[seen]), up(shares[name][seen])])
             canvas.line(points, colour=KIND_COLOURS[k], width=1.8)
-            for x, y in points:
+            for x, y in points.tolist():
                 canvas.dot(x, y, colour=KIND_COLOURS[k], radius=1.5)
 
 

@@ -13,20 +13,28 @@ from pydantic import TypeAdapter
 
 from jaxsim.config import DetectorExperiment, Experiment, LoopConfig
 from jaxsim.data import open_dataset, select
+from jaxsim.data.select import frames_to_judge
 from jaxsim.detect.batches import in_range
 from jaxsim.detect.scenes import Scene
+from jaxsim.discover import discover_folders
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.own import known_effects
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.files import placed, replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
 from jaxsim.progress import Progress
+from jaxsim.report.discovery import write_answer
 from jaxsim.report.pictures import Rgb
 from jaxsim.report.scenes import TurnedScene
+from jaxsim.report.words import verdict_sentence
 from jaxsim.runs.run import Checkpoints
+from jaxsim.simulate.sensor import load
+from jaxsim.simulate.sides import write_pairs
+from jaxsim.simulate.trees import LabelRules, TreePlan, choose_frames, export_trees
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.charts import check_text, checked_kinds, write_checks
 from jaxsim.studies.real2sim2real.page import count_objects, draw_detections, draw_kinds, turned_clouds, write_loop
 from jaxsim.studies.real2sim2real.scores import loop_tables, write_score
-from jaxsim.studies.real2sim2real.simulation import discover_lacking, export_kinds
 from jaxsim.train.loop import TRAINER, train_apart
 
 _log = logging.getLogger(__name__)
@@ -50,6 +58,46 @@ def check_sources(config: LoopConfig) -> None:
             raise ValueError(
                 f"real2sim2real: --{flag}: frames of {source.kind} have no labels, and detectors need them"
             )
+
+
+def discover_lacking(loop: Loop) -> None:
+    """Writes what `discover` finds the loop's sensor to lack, on frames that it did not learn from."""
+    known_effects()
+    sensor, out = load(loop.sensor), loop.effects.parent
+    data = sensor.run.experiment.data
+    dataset = open_dataset(data)
+    judged = frames_to_judge("", dataset, validation=data.validation)
+    simulated, measured = write_pairs(sensor, dataset, judged, out=out, log=_log.info)
+    result = discover_folders(simulated=simulated, measured=measured, log=_log.info)
+    page = write_answer(out, result)
+    _log.info(f"{verdict_sentence(result.verdict)} {page}")
+
+
+def export_kinds(loop: Loop) -> None:
+    """Writes the trees of all kinds; the renderer's frames are read once for all."""
+    source = loop.config.synthetic
+    dataset = open_dataset(source)
+    frames = f"{source.train},{source.validation}"
+    positions, validation = choose_frames(dataset, frames=frames, validation=source.validation)
+    labels = LabelRules(occlusion=loop.config.occlusion if source.kind == "vkitti2" else "levels")
+    recipes = {kind: loop.recipe(kind) for kind in loop.config.kinds}
+    needed = any(recipe.source == "simulated" for recipe in recipes.values())
+    learned = load(loop.sensor) if needed else None
+    rows = learned and learned.rows
+    plans = [
+        TreePlan(
+            out=loop.tree(kind),
+            source=source,
+            positions=positions,
+            validation=validation,
+            recipe=recipe,
+            labels=labels,
+            learned=learned if recipe.source == "simulated" else None,
+            effects_model=SensorModel.load(loop.effects, rows=rows) if kind in WITH_EFFECTS else None,
+        )
+        for kind, recipe in recipes.items()
+    ]
+    export_trees(plans, dataset)
 
 
 def _classes(scene: Scene) -> list[str]:

@@ -11,12 +11,13 @@ All are judged on measured intensities that neither network saw: of other parts,
 the images are the embedded world's, whose classes are of paint and water too: a suburb to learn from, a town to judge.
 
     networks.py   what learns: the sensor, and who tells classes apart
+    descent.py    updates in memory
     iou.py        how well classes are told, and what intensity is worth
     study.py      which image simulates, learns or is judged when; scores and table
 
 OUT/settings.json, OUT/images/{suburb,town}/NAME.npz (of the embedded world), OUT/intensity/PART.npz,
 OUT/scores/KIND_part0_seed0.json, OUT/segmentation.{md,json}. Its many small networks are no runs
-of `jaxsim.train`: they learn in memory (`jaxsim.descent`), and what they tell is kept.
+of `jaxsim.train`: they learn in memory (`descent.py`), and what they tell is kept.
 """
 
 from __future__ import annotations
@@ -25,14 +26,12 @@ import json
 import logging
 from pathlib import Path
 
-from pydantic import TypeAdapter
-
 from jaxsim.config import SegmentationConfig
 from jaxsim.data.range_images import CLASSES_FILE
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.data.synthetic.labelled import LABEL_CLASSES, write_labelled
 from jaxsim.data.synthetic.world import FRAMES_PER_DRIVE
-from jaxsim.files import claim, parse_json, parse_settings, write_text
+from jaxsim.files import claim_settings, write_text
 from jaxsim.progress import Progress
 from jaxsim.report.results import write_results
 from jaxsim.studies.segmentation.iou import INTENSITIES
@@ -56,11 +55,12 @@ def run_segmentation(config: SegmentationConfig) -> Path:
         raise ValueError("segmentation: --judged was given without --root, the folder to learn from")
     if config.root is None and config.frames < 2:
         raise ValueError(f"segmentation: --frames is {config.frames}; half of them judge, so give 2 or more")
+    kept, free = config.out / "settings.json", ("seeds", "out")
     if config.root is not None:
         study = Study.of_folders(config, config.root, config.judged)
-        _claim(config)
+        claim_settings(kept, config, by="segmentation", free=free)
     else:
-        _claim(config)
+        claim_settings(kept, config, by="segmentation", free=free)
         study = Study.of_folders(config, *_embedded(config.out / "images", config.frames))
     for part in Progress(study.rounds, desc="judging", unit="part"):
         for seed in config.seeds:
@@ -80,15 +80,3 @@ def _embedded(folder: Path, frames: int) -> tuple[Path, Path]:
         write_labelled(folder / streets, world, Progress(indices, desc=f"rendering the {streets}", unit="frame"))
         write_text(folder / streets / CLASSES_FILE, json.dumps(LABEL_CLASSES))
     return folder / SUBURB, folder / TOWN
-
-
-def _claim(config: SegmentationConfig) -> None:
-    adapter = TypeAdapter(SegmentationConfig)
-    claim(
-        config.out / "settings.json",
-        adapter.dump_python(config, mode="json"),
-        by="segmentation",
-        text=adapter.dump_json(config, indent=1),
-        read=lambda record: adapter.dump_python(parse_settings(SegmentationConfig, parse_json(record)), mode="json"),
-        free=("seeds", "out"),
-    )

@@ -21,7 +21,6 @@ from jaxtyping import Float, Int
 
 from jaxsim.config import QUANTILES, GeneratorConfig, SegmentationConfig
 from jaxsim.data.range_images import RangeImage
-from jaxsim.descent import descend
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import compiler_options, on_cpu
 from jaxsim.pix2pix.losses import quantile_loss
@@ -29,6 +28,7 @@ from jaxsim.pix2pix.unet import UNet
 from jaxsim.simulate.grain import Breaks, Field, Ranks, breaks_of, ranks_of_fields
 from jaxsim.simulate.grain_fit import GrainScan
 from jaxsim.simulate.predict import Prediction, drawn
+from jaxsim.studies.segmentation.descent import descend
 
 Targets = dict[str, Array]
 Loss = Callable[[Array, Targets], Array]

@@ -16,10 +16,11 @@ from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.unexplained import describe_curve, free_curves
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
-from jaxsim.discover.scenes import fold_half_width, jackknife_sd, student_reach
+from jaxsim.discover.scenes import fold_half_width, jackknife_sd
 from jaxsim.discover.show import gap_with, law_gains
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
+from jaxsim.metrics.intervals import student_reach
 from tests.discover.toy import toy
 
 pytestmark = pytest.mark.long

@@ -8,8 +8,6 @@ from jaxsim.metrics.detection import read_detections
 from jaxsim.metrics.detection.files import frame_list, frames_with_results
 from tests.metrics.made_detection import car
 
-CAR = "Car 0.00 0 0.00 {left:.2f} 100.00 {right:.2f} {bottom:.2f} 1.50 1.60 3.90 {x:.2f} 1.60 20.00 0.00"
-
 
 def test_files_that_cannot_be_scored_are_named(tmp_path):
     found = tmp_path / "found"

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 
@@ -11,7 +10,6 @@ from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.pairs.prepared import pairs_folder
 from jaxsim.prepare import denoise
 from jaxsim.prepare.denoise.lidia import Lidia, Variant, from_published, open_lidia, published_shapes
-from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
 from tests.prepare.lidia_oracle import random_state
 
 
@@ -139,29 +137,3 @@ def test_bad_input_says_what_to_do(small, tmp_path):
         small(image, ~valid)
     with pytest.raises(ValueError, match=r"the image has 8 x 20 cells.*at least 11 x 11"):
         small(image[:8], valid[:8])
-
-
-@pytest.mark.slow
-def test_adapting_to_one_s_own_images_helps_on_others(small):
-    v, u = np.mgrid[:16, :48]
-    images = np.stack([0.5 + 0.3 * np.sin(u / 7 + k) * np.cos(v / 5) for k in range(6)]).astype(np.float32)
-    rng = np.random.default_rng(0)
-    valid = rng.random(images.shape) < 0.9
-    noisy = (images + 0.1 * rng.standard_normal(images.shape)).astype(np.float32)
-    with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an int
-        taught = adapt(small, images[:5], valid[:5], settings=Adaptation(noise=0.1, epochs=6, stride=16))
-    off = lambda network: ((network(noisy[5], valid[5]) - images[5])[valid[5]] ** 2).mean()  # noqa: E731
-    assert off(taught) < 0.8 * off(small)
-    # Cells without return take no part.
-    garbage = np.where(valid, images, np.nan).astype(np.float32)
-    settings = Adaptation(noise=0.1, epochs=1, stride=16)
-    with jax.numpy_dtype_promotion("standard"):
-        one, other = (adapt(small, x[:2], valid[:2], settings=settings) for x in (images, garbage))
-    np.testing.assert_array_equal(other(noisy[5], valid[5]), one(noisy[5], valid[5]))
-
-
-def test_adapting_to_nothing_says_so(small):
-    with pytest.raises(ValueError, match="nothing to adapt to"):
-        adapt(small, np.ones((1, 16, 16), np.float32), np.zeros((1, 16, 16), bool))
-    with pytest.raises(ValueError, match="at least 11 x 11"):
-        adapt(small, np.ones((1, 8, 16), np.float32), np.ones((1, 8, 16), bool))

@@ -10,15 +10,19 @@ import jax
 import numpy as np
 import pytest
 
+from jaxsim.data.polar_frames import frame_names
 from jaxsim.detect.results import Detected
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.pictures import FOUND, LABEL
-from jaxsim.studies.real2sim2real import Loop, claim_loop
+from jaxsim.simulate.trees import LabelRules
+from jaxsim.studies.real2sim2real import Loop, claim_loop, stages
 from jaxsim.studies.real2sim2real.page import PANEL, draw_kinds
 from jaxsim.studies.real2sim2real.stages import Stages
 from jaxsim.train.experiments import load_loop
 from tests.detect.tiny import EXPERIMENT, scene
+from tests.report import results
 from tests.studies.real2sim2real.made import KINDS, tiny_loop
+from tests.untrained import untrained_run
 
 ROOT = Path(__file__).parents[3]
 
@@ -195,3 +199,37 @@ def test_the_frame_with_most_cars_is_drawn_in_every_kind_and_with_what_each_dete
 
 def test_no_frame_in_all_kinds_is_no_picture_of_kinds(loop):
     assert draw_kinds(loop, {"raw_64": [scene(1)], "simulated_64": [scene(2)]}) == {}
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    return claim_loop(tiny_loop(tmp_path / "loop"))
+
+
+@pytest.mark.long
+def test_the_sensor_is_held_against_frames_that_it_did_not_learn_from(tiny, monkeypatch):
+    untrained_run(tiny.sensor, tiny.intensity_experiment())
+    compared = {}
+
+    def discover(*, simulated, measured, log):
+        compared.update(simulated=frame_names(simulated), measured=frame_names(measured))
+        return results.named()
+
+    monkeypatch.setattr(stages, "discover_folders", discover)
+    stages.discover_lacking(tiny)
+    assert compared["simulated"] == compared["measured"]
+    assert len(compared["simulated"]) == 1  # the validation's
+    assert json.loads(tiny.effects.read_text())["effects"][0]["name"] == results.named().verdict.effects[0].name
+    assert {"verdict.json", "report.html"} <= {path.name for path in tiny.effects.parent.iterdir()}
+
+
+def test_all_kinds_are_planned_and_only_simulated_ones_need_the_sensor(tiny, monkeypatch):
+    planned = []
+    monkeypatch.setattr(stages, "load", lambda run: pytest.fail("the sensor was loaded"))
+    monkeypatch.setattr(stages, "export_trees", lambda plans, dataset: planned.extend(plans))
+    plain = claim_loop(tiny_loop(tiny.out.parent / "plain", kinds=("raw_64", "raw_32")))
+    stages.export_kinds(plain)
+    assert [plan.out for plan in planned] == [plain.tree("raw_64"), plain.tree("raw_32")]
+    assert [plan.recipe.lines for plan in planned] == ["64", "32_of_64"]
+    assert all(plan.labels == LabelRules() and plan.effects_model is None for plan in planned)
+    assert all(plan.validation == {20} and plan.positions == [0, 8, 20] for plan in planned)

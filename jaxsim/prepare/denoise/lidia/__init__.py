@@ -6,7 +6,7 @@ This file has its published weights, and the network on LiDAR intensity. Below i
     patches.py      patches, and the 14 most alike, at two scales; cells without return do not count
     stages.py       how patches go through layers, and batch norm
     network.py      the network, under its published names
-    denoiser.py     whole images          adapt.py    training on images of one's own
+    denoiser.py     whole images
 """
 
 from __future__ import annotations

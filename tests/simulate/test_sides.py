@@ -1,11 +1,12 @@
-"""Lambert's law on measured ranges: what it writes, against the plainest computation; and what it refuses."""
+"""The sides that `discover` compares: Lambert's law on measured ranges, against the plainest computation, and what it
+refuses. Pairs of a run are tested with the command, in tests/cli/test_sides.py."""
 
 import numpy as np
 import pytest
 
 from jaxsim.data.polar_frames import open_polar_frames, write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
-from jaxsim.simulate.lambert import write_lambert
+from jaxsim.simulate.sides import write_lambert
 from tests.discover.made_watch import day
 
 ROWS, COLUMNS = 12, 60

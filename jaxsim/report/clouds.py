@@ -1,4 +1,5 @@
-"""Simulated frames as pictures, and as a page that turns them beside what was measured."""
+"""Clouds as pictures, and as a page that turns them: simulated ones beside what was measured, and those that a detector
+has looked at with what it found."""
 
 from __future__ import annotations
 
@@ -8,13 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from jaxsim.cloud import points_of
+from jaxsim.config import DetectorExperiment
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.evaluate.cloud_folder import CloudFolder, read_points
 from jaxsim.files import file_of
 from jaxsim.frame import Cloud, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
+from jaxsim.report.boxes import draw_above, draw_on_image
 from jaxsim.report.pictures import draw_cloud, save_picture, simulated_picture
-from jaxsim.report.scenes import CLOUDS_PAGE, compared_clouds, write_clouds
+from jaxsim.report.scenes import CLOUDS_PAGE, TurnedScene, cloud_with_boxes, compared_clouds, write_clouds
 
 
 def draw_simulated(out: Path, name: str, cloud: Cloud, *, image: PolarImage, painted: Painted) -> None:
@@ -45,3 +49,29 @@ def write_simulated(out: Path, dataset: Dataset, positions: Sequence[int], *, ru
         sentence=f"The sensor of {run}, simulated{' beside what was measured' if beside else ''}.",
         words=both if beside else "The simulated cloud, in the camera's view.",
     )
+
+
+def write_detected(
+    folder: CloudFolder, files: Sequence[Path], out: Path, *, experiment: DetectorExperiment, sentence: str
+) -> Path:
+    """Writes pictures of these clouds of a folder to OUT/pictures, and OUT/clouds.html, which turns them; `sentence`
+    says what was looked for. Gives the page.
+
+    What was found is read from OUT/results, so that a resumed command draws the same.
+    """
+    scenes = [_drawn(folder, file, out, experiment=experiment) for file in files]
+    words = "Found boxes are orange, labelled ones green; the crossed side is the front."
+    return write_clouds(out / CLOUDS_PAGE, scenes, title="jaxsim detect", sentence=sentence, words=words)
+
+
+def _drawn(folder: CloudFolder, file: Path, out: Path, *, experiment: DetectorExperiment) -> TurnedScene:
+    name, points = file.stem, read_points(file)
+    view, detected = folder.view(name), folder.detected(name, out / "results")
+    labelled = folder.labelled(name, view, experiment.detector.anchors.kind)
+    drawn = {"detected": detected.boxes, "score": detected.score, "labelled": labelled, "title": name}
+    pictures = {"above": draw_above(points, experiment.voxels.range_m, **drawn)}
+    if folder.images:
+        pictures["image"] = draw_on_image(folder.image(name), view, **drawn)
+    for kind, picture in pictures.items():
+        save_picture(out / "pictures" / f"{name}_{kind}.png", picture)
+    return cloud_with_boxes(name, points, detected=detected.boxes, labelled=labelled)

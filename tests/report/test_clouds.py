@@ -1,11 +1,14 @@
-"""The page and the pictures of simulated frames."""
+"""Pages and pictures of simulated clouds, and of those that a detector has looked at."""
 
 import numpy as np
 
 from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.detect.results import Detected
+from jaxsim.evaluate.cloud_folder import AT_LIDAR, CloudFolder, write_detections
 from jaxsim.frame import Cloud, Painted, PolarGrid, PolarImage
-from jaxsim.report.simulated import draw_simulated, write_simulated
+from jaxsim.report.clouds import draw_simulated, write_detected, write_simulated
+from tests.detect.tiny import EXPERIMENT
 
 ROWS, COLUMNS = 4, 16
 RANGE_M = np.full((ROWS, COLUMNS), 9.0, np.float32)
@@ -30,3 +33,19 @@ def test_a_frame_has_a_picture_of_its_cloud_and_one_of_its_rasters(tmp_path):
     cloud = Cloud(np.ones((5, 3), np.float32), np.ones(5, np.float32), np.ones(5, bool))
     draw_simulated(tmp_path, "a", cloud, image=IMAGE, painted=painted)
     assert {path.name for path in (tmp_path / "previews").iterdir()} == {"a.png", "a_cloud.png"}
+
+
+def test_what_result_files_hold_is_drawn_and_turned(tmp_path):
+    rng = np.random.default_rng(0)
+    boxes = np.array([[10, 2, -1, 4, 2, 1.5, 0.3]], np.float32)
+    clouds, out = tmp_path / "clouds", tmp_path / "out"
+    clouds.mkdir()
+    for name in ("a", "b"):
+        rng.uniform(0, 1, (50, 4)).astype(np.float32).tofile(clouds / f"{name}.bin")
+        found = Detected(boxes, np.array([0.7], np.float32))
+        write_detections(out / "results" / f"{name}.txt", found, "Car", view=AT_LIDAR)
+    folder = CloudFolder(clouds)
+    page = write_detected(folder, [clouds / "a.bin"], out, experiment=EXPERIMENT, sentence="Cars in two clouds.")
+    assert page == out / "clouds.html"
+    assert "Cars in two clouds." in page.read_text()
+    assert [path.name for path in (out / "pictures").iterdir()] == ["a_above.png"]

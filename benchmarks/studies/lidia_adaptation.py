@@ -4,7 +4,7 @@
 image of the same kind, or several. Or measured pairs: noisy images and what they should have been. Loss, optimiser,
 rates, epochs and blocks are those of grishavak/LIDIA-denoiser `code/*_adaptation_bw.py`, `code/utils.py`. Blocks are
 mirrored at their borders as whole images are: the published blocks bring 38 cells of their surroundings along, which a
-window of 44 laser lines does not have. An image is learned in memory (`jaxsim.descent`), in no run of `jaxsim.train`.
+window of 44 laser lines does not have. An image is learned in memory, in no run of `jaxsim.train`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ import numpy as np
 import optax
 from jaxtyping import Bool, Float
 
-from jaxsim.descent import descend
 from jaxsim.prepare.denoise.classical import close_gaps
 from jaxsim.prepare.denoise.lidia import Lidia
 from jaxsim.prepare.denoise.lidia.denoiser import apply_and_learn, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
+from jaxsim.studies.segmentation.descent import descend
 from jaxsim.weights import RUNNING, Values
 
 _State = tuple[Values, Any]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jaxsim.descent import descend
+from jaxsim.studies.segmentation.descent import descend
 
 
 def halve(value: float, batch: float, k: int) -> tuple[float, float]:

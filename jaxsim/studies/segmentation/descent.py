@@ -1,7 +1,7 @@
 """Learning in memory: updates on what is at hand, for networks that live no longer than their call.
 
-What is to be kept, resumed, judged and shown on its way is trained by the one loop, `jaxsim.train`; a denoiser that
-adapts to an image and a study's hundred small networks would each need a run folder, checkpoints and a card for that.
+What is to be kept, resumed, judged and shown on its way is trained by the one loop, `jaxsim.train`; each of a study's
+hundred small networks would need a run folder, checkpoints and a card for that.
 """
 
 from __future__ import annotations
