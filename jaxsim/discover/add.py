@@ -12,6 +12,8 @@ from jaxtyping import Float
 
 from jaxsim.discover.law.learn import Form, LearnedFit, learn
 from jaxsim.discover.model.fit import ANSWER_STEPS, NOISE_SD, Chain, Fit, Objective, Problem, fit
+from jaxsim.discover.model.likelihood import step_known_to
+from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import Refit, as_implied, refit
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
 from jaxsim.discover.name.select import FittedStep
@@ -123,7 +125,12 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
 
 
 def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval | tuple[Interval, ...]]:
-    """Every fitted parameter with its 90 % interval, clipped to its bounds."""
+    """Every fitted parameter with its 90 % interval, clipped to its bounds; of a lattice's step, which was read off the
+    readings, how far it may be off."""
+    if effect.name in FINEST:
+        [(name, value)] = to_values(effect, result.z).items()
+        half = step_known_to(problem.ev, effect.name, float(value))
+        return {name: Interval(float(value), float(value) - half, float(value) + half, effect.parameters[name].unit)}
     sd = np.sqrt(covariance(effect, problem, result))
     reach = RULES.interval_widening * float(student_reach(len(np.unique(np.asarray(problem.ev.scene)))))
     of_z = restorer(result.z)(sd)

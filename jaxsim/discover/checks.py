@@ -22,6 +22,8 @@ from jaxsim.geometry import grid_difference
 
 _Sides = tuple[Mapping[str, PolarImage], Mapping[str, PolarImage]]
 """Simulated and measured frames by name."""
+_Rasters = Sequence[Mapping[str, np.ndarray]]
+"""What frames hold besides range and intensity."""
 RAYS_OF_FRAME = 2000
 """Rays looked at in each frame."""
 OTHERS = 64
@@ -75,6 +77,28 @@ def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: _Si
         raise ValueError(
             f"discover: {first} of {simulated.folder} and {second} of {measured.folder} hold the same readings; "
             "compare a simulation with a sensor"
+        )
+
+
+def check_no_doubles(folder: Path, names: Sequence[str], images: Sequence[PolarImage]) -> None:
+    """Raises ValueError where two measured frames hold the same readings: a sensor's noise makes each its own."""
+    seen: dict[tuple[bytes, bytes], str] = {}
+    for name, image in zip(names, images, strict=True):
+        first = seen.setdefault(_readings(image), name)
+        if first != name:
+            raise ValueError(
+                f"discover: {first} and {name} of {folder} hold the same readings to the last digit; one is a copy: "
+                "leave it out on both sides, or put back what it was"
+            )
+
+
+def check_sides(simulated: Path, measured: Path, *, predicted: _Rasters, recorded: _Rasters) -> None:
+    """Raises ValueError where measured frames tell angles of incidence and simulated ones do not: a sensor knows none.
+    `predicted` and `recorded` are the further rasters of the two sides' frames."""
+    if any("incidence" in rasters for rasters in recorded) and not any("incidence" in rasters for rasters in predicted):
+        raise ValueError(
+            f"discover: frames of {measured} tell the incidence of every ray, which no sensor knows, and those of "
+            f"{simulated} do not; exchange --measured and --simulated, or take `incidence` out of the measured frames"
         )
 
 

@@ -86,7 +86,7 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
     if steps and name in {one.effect.plain_name for one in steps[0].alike}:
         return "these data cannot tell it from the one that is named"
     if name in choice.refused:
-        return "with the sides exchanged it is found as well"
+        return choice.refused[name]
     if name in choice.needless:
         return "what is named explains what it does, and more"
     if candidate.total <= choice.bars.effect:
@@ -97,7 +97,7 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
         return "the scenes disagree on it"
     if not steps:
         strongest = (choice.last or (candidate,))[0]
-        if candidate.total < RULES.weak_share * strongest.total:
+        if candidate.total < RULES.weak_share * strongest.total and not strongest.accepted(choice.bars.effect):
             return f"it is weak beside {strongest.effect.name}, on which the scenes disagree"
         return "a free curve explains clearly more"
     if too_rich(candidate, steps[0].chosen):
@@ -164,9 +164,9 @@ def simulator_noise(noise: Levels) -> tuple[str, ...]:
     if not noises:
         return ()
     return (
-        f"the simulated frames have noise of their own ({', '.join(noises)}; read off neighbouring rays): surfaces "
-        "were made smooth, and compared is what the simulator means; effects count by what they explain between "
-        "surfaces, ranges and angles. Frames without noise tell more",
+        f"the simulated frames have noise of their own ({', '.join(noises)}; read off neighbouring rays, so texture as "
+        "fine as these is part of it): surfaces were made smooth, and compared is what the simulator means; effects "
+        "count by what they explain between surfaces, ranges and angles. Frames without noise tell more",
     )
 
 
@@ -200,4 +200,15 @@ def mutual_noise(names: Sequence[str]) -> tuple[str, ...]:
     return (
         f"found, and not said: {', '.join(names)}. With the sides exchanged it is found as well: so it is what noise "
         "of both does to the comparison, nothing that one of them has and the other has not",
+    )
+
+
+def unfounded_noise(names: Sequence[str]) -> tuple[str, ...]:
+    """What a reader must know of noise that surfaces and poses feign."""
+    if not names:
+        return ()
+    return (
+        f"found, and not said: {', '.join(names)}. Weak echoes lie farther from the prediction, but the noise of "
+        "neighbouring readings does not grow as echoes weaken: what grows is what the simulator does not know of "
+        "grazing surfaces and of the sensor's pose",
     )

@@ -7,19 +7,19 @@ Differences are of variances: noise that both sides have is not missing.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import fields, replace
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.model.evidence import Evidence, Measured
 from jaxsim.discover.model.noise_levels import Levels, noise_levels
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Level
-from jaxsim.effects.rays import Scan
+from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.metrics.intervals import mean_interval
 
 MEASURES = {
@@ -57,18 +57,51 @@ def compare_levels(comparison: Comparison) -> tuple[Level, ...]:
     )
 
 
-MADE_BY = {
-    "random_loss": ("random_dropout", "material_dropout", "snr_dropout", "edge_dropout"),
-    "range_noise": ("range_noise",),
-}
-"""Effects that make a level of their own: with one of them in a sensor model the level on top would count twice."""
+def range_noise_grows(comparison: Comparison) -> bool:
+    """Whether the sensor's noise of the range, beside the simulator's, grows as echoes weaken, by what neighbouring
+    readings differ: in the mean of the scenes, for certain.
+
+    What a simulator does not know of grazing ground and of poses moves whole surfaces, and hardly neighbours.
+    """
+    range_m = np.maximum(comparison.scan.range_m, RULES.finest_step)
+    power = np.log(np.maximum(comparison.scan.intensity, FLOOR)) - 2 * np.log(range_m)
+    ends = np.quantile(power[np.asarray(comparison.scan.hit)], [1 / 3, 2 / 3])
+    variance = [
+        [
+            np.square([one.range_m for one in _by_scene(comparison, replace(side, hit=np.asarray(side.hit) & part))])
+            for side in (comparison.scan, _as_measured(comparison.scan, comparison.measured))
+        ]
+        for part in (power < ends[0], power > ends[1])
+    ]
+    (weak_simulated, weak_measured), (strong_simulated, strong_measured) = variance
+    low, _ = mean_interval(weak_measured - weak_simulated - strong_measured + strong_simulated)
+    return low > 0
 
 
-def missing(levels: tuple[Level, ...], effects: Collection[str] = ()) -> dict[str, float]:
-    """What a sensor model of these effects adds to a simulation besides, by name: the levels that the simulator lacks
-    for certain and no effect makes."""
-    lacking = [one for one in levels if one.missing.low > 0]
-    return {one.name: one.missing.value for one in lacking if not {*MADE_BY.get(one.name, ())} & {*effects}}
+def made_by(ev: Evidence) -> dict[str, float]:
+    """Levels that effects make of their own, by name: of the rays as these leave them, at the median echo, and of
+    losses in the mean."""
+    hit = np.asarray(ev.rays.hit)
+    kept = np.exp(np.asarray(ev.rays.log_keep, np.float64))[hit]
+    noise_m = np.broadcast_to(np.asarray(ev.rays.noise_m), hit.shape)[hit]
+    return {"range_noise": float(np.median(noise_m)), "random_loss": float(np.mean(1 - kept))} if hit.any() else {}
+
+
+def missing(levels: tuple[Level, ...], made: Mapping[str, float] | None = None) -> dict[str, float]:
+    """What a sensor model adds to a simulation besides its effects, by name: the levels that the simulator lacks for
+    certain, less what the effects have `made` of them already."""
+    result = {}
+    for one in levels:
+        there = (made or {}).get(one.name, 0.0)
+        if one.missing.low > there:
+            power = power_of(one.name)
+            result[one.name] = (one.missing.value**power - there**power) ** (1 / power)
+    return result
+
+
+def power_of(name: str) -> int:
+    """Variances of independent noise add up; so do small probabilities of loss."""
+    return 1 if name == "random_loss" else 2
 
 
 def _as_measured(scan: Scan, measured: Measured) -> Scan:
@@ -98,8 +131,7 @@ def _compared(name: str, unit: str, *, simulated: list[float], measured: list[fl
         lacking = lattice[1] if lattice[1] > RULES.coarser_step * lattice[0] else 0.0
         sides = [Interval(v, v, v, unit) for v in (*lattice, lacking)]
         return Level(name, simulated=sides[0], measured=sides[1], missing=sides[2], beyond_usual=False)
-    # Variances of independent noise add up; so do small probabilities of loss.
-    power = 1 if name == "random_loss" else 2
+    power = power_of(name)
     between = theirs**power - ours**power
     low, high = mean_interval(between)
     lacking = [max(v, 0.0) ** (1 / power) for v in (float(between.mean()), low, high)]

@@ -16,8 +16,10 @@ from jaxsim.data.polar_frames import PolarFrames, open_polar_frames, scene_of
 from jaxsim.discover.checks import (
     all_or_none,
     check_no_copies,
+    check_no_doubles,
     check_one_grid,
     check_pairs,
+    check_sides,
     constant_intensity,
     plausible,
     sceneless,
@@ -189,13 +191,18 @@ def _read(
     images: list[PolarImage] = []
     sensed: list[PolarImage] = []
     extra: list[Mapping[str, np.ndarray]] = []
+    tells: list[Mapping[str, np.ndarray]] = []
     for name in names:
         image, rasters = simulated.read(name)
         images.append(image)
         extra.append(rasters)
-        sensed.append(measured.read(name)[0])
+        reading, told = measured.read(name)
+        sensed.append(reading)
+        tells.append(told)
         plausible(name, image, "simulated")
-        plausible(name, sensed[-1], "measured")
+        plausible(name, reading, "measured")
+    check_sides(simulated.folder, measured.folder, predicted=extra, recorded=tells)
+    check_no_doubles(measured.folder, names, sensed)
     return images, sensed, extra
 
 

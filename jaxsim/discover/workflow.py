@@ -23,13 +23,14 @@ from jaxsim.discover.explain import (
     ranking,
     simulator_noise,
     unconfirmed_curves,
+    unfounded_noise,
     why_not,
     without_classes,
 )
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.law.learn import curve_form
 from jaxsim.discover.law.search import closed_law
-from jaxsim.discover.levels import compare_levels, missing
+from jaxsim.discover.levels import compare_levels, made_by, missing, range_noise_grows
 from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import Problem, in_place
 from jaxsim.discover.model.null import refitted
@@ -124,6 +125,7 @@ def discover(
         nulls=nulls,
         without=without,
         exchanged=exchanged,
+        noise_grows=cache(partial(range_noise_grows, comparison)),
         log=log,
     )
 
@@ -171,6 +173,7 @@ def discover(
             *notes(comparison, parts, model.choice, held=modelled),
             *simulator_noise(division.simulator.noise),
             *mutual_noise(model.answer.mutual),
+            *unfounded_noise(model.answer.unfounded),
             *without_classes(np.asarray(comparison.scan.semantic), model.choice),
             *unconfirmed_curves(model.answer.unconfirmed),
             *([rest_in_words(every)] if every else []),
@@ -181,7 +184,7 @@ def discover(
     )
     verdict = with_mounting(without_unconfirmed(verdict), *named_mounting(mounting, parts, rows=rows))
     sensor = sensor_of(verdict, model.added.sensor, known)
-    sensor = replace(sensor, levels=missing(levels, [name for name, _ in sensor.effects]))
+    sensor = replace(sensor, levels=missing(levels, made_by(model.choice.problem.ev)))
     ranked = model.choice.first_ranking
     return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, ranked, shown.frames)
 

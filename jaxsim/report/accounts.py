@@ -5,7 +5,7 @@ each comes from, what it gained and what it looks like; and judge scenes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -85,12 +85,12 @@ def where_it_stood(told: Registered | None) -> Markup:
     return section("Where the sensor stood", join_parts(parts))
 
 
-def could_show(asked: Sequence[Sensitivity]) -> Markup:
+def could_show(asked: Sequence[Sensitivity], named: Collection[str] = ()) -> Markup:
     """Effects that these frames could not show, why, and what to record; then the size from which each other one
-    would be seen."""
+    would be seen. What is `named` was shown."""
     if not asked:
         return EMPTY
-    hidden = [one for one in asked if not one.testable]
+    hidden = [one for one in asked if not one.testable and one.name not in named]
     words = (
         f"{len(asked)} effects were put on the rays that were compared, at half of a clearly visible size, and the "
         "gain was computed that naming could expect, nuisances being free to take up what they can. "

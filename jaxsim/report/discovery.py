@@ -110,7 +110,7 @@ def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]
             ranking_chart(verdict.ranking, verdict.effects),
             _chance(verdict, draw),
             EMPTY if outside else unexplained(verdict.unexplained, draw),
-            could_show(verdict.sensitivity),
+            could_show(verdict.sensitivity, [one.name for one in verdict.effects]),
             levels(verdict.levels),
             objects(verdict.objects),
             moved(verdict),

@@ -137,10 +137,13 @@ def verdict_sentence(verdict: Verdict) -> str:
 
 def _unseen(verdict: Verdict) -> str:
     """What *none* does not rule out."""
-    hidden = [one.name for one in verdict.sensitivity if not one.testable]
+    hidden = [one.name for one in verdict.not_testable]
     if not hidden:
         return ""
-    return f" These frames could not have shown {listed(hidden)}: what to record instead stands below."
+    return (
+        f" These frames could not have shown {listed(hidden)} at half of a clearly visible size: what to record "
+        "instead stands below."
+    )
 
 
 def _together(verdict: Verdict) -> str:
@@ -157,13 +160,18 @@ def _together(verdict: Verdict) -> str:
     return words
 
 
+WIDEST = 2.0
+"""Shares of a gap whose interval is wider than this say nothing: what is shared is next to nothing."""
+
+
 def _closed(verdict: Verdict) -> str:
     """What adding the effects did on judge scenes."""
     c, count = verdict.closure, len(verdict.judge)
     it = "them" if len(verdict.effects) > 1 else "it"
     where = f"{count} scenes that nothing was fitted to"
-    if c is None:
-        return _gained(verdict, f"; adding {it} makes {{}} of {where} more probable")
+    if c is None or c.high - c.low > WIDEST:
+        rest = "nothing for certain" if c is None else "too little to be measured by"
+        return _gained(verdict, f"; adding {it} makes {{}} of {where} more probable", rest)
     if min(c.value, c.low) > 0.999:
         return f"; adding {it} brings the two as near as free curves can, or nearer, on {where}"
     return (
@@ -172,8 +180,9 @@ def _closed(verdict: Verdict) -> str:
     )
 
 
-def _gained(verdict: Verdict, words: str) -> str:
-    """The channel of the named effects that gains most for certain; empty where none does."""
+def _gained(verdict: Verdict, words: str, rest: str) -> str:
+    """The channel of the named effects that gains most for certain, and that free curves gain `rest`; empty where none
+    does."""
     channels = {channel for effect in verdict.effects for channel in effect.channels}
     sides = {name: g.gained for name, g in verdict.gap.items() if name in channels and g.gained and g.gained.low > 0}
     if not sides:
@@ -181,7 +190,7 @@ def _gained(verdict: Verdict, words: str) -> str:
     name, g = max(sides.items(), key=lambda side: side[1].value)
     gains = words.format(SIGN_WORDS[name].readings)
     interval = f"90 % interval {number(g.low)} to {number(g.high)}"
-    return f"{gains}, by {number(g.value)} nats per scene ({interval}), where free curves gain nothing for certain"
+    return f"{gains}, by {number(g.value)} nats per scene ({interval}), where free curves gain {rest}"
 
 
 def _choice(verdict: Verdict) -> str:

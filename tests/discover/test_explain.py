@@ -26,6 +26,11 @@ def test_each_candidate_is_told_why_it_was_not_named():
     assert why_not(fall, choice) == "named too, after beam_gain"
     nothing = Choice((), (split, little), problem())
     assert "weak beside gamma_response" in why_not(little, nothing)
+    # The scenes agree on the best: a free curve kept all from being named.
+    outdone = Choice((), (best, little), problem())
+    assert why_not(best, outdone) == why_not(little, outdone) == "a free curve explains clearly more"
+    refused = Choice((), (best,), problem(), refused={"beam_gain": "neighbours say no"})
+    assert why_not(best, refused) == "neighbours say no"
 
 
 def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():

@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from jaxsim.discover.levels import compare_levels, missing
+from jaxsim.discover.levels import compare_levels, missing, range_noise_grows
 from tests.discover.noisy_street import comparison
 
 
@@ -32,9 +34,12 @@ def test_what_is_missing_goes_into_the_sensor_model(by_name):
 
 
 def test_what_a_named_effect_makes_is_not_counted_twice(by_name):
-    lacking = missing(tuple(by_name.values()), ("random_dropout", "beam_gain"))
+    whole = missing(tuple(by_name.values()))
+    lacking = missing(tuple(by_name.values()), {"random_loss": 0.025, "range_noise": 0.03})
     assert "random_loss" not in lacking
-    assert {"range_noise", "intensity_noise"} <= set(lacking)
+    # Of noise the rest stays, by variances.
+    assert lacking["range_noise"] == pytest.approx(np.sqrt(whole["range_noise"] ** 2 - 0.03**2))
+    assert lacking["intensity_noise"] == whole["intensity_noise"]
 
 
 def test_both_sides_alike_lack_nothing():
@@ -47,3 +52,14 @@ def test_both_sides_alike_lack_nothing():
 def test_a_lattice_of_the_sensor_alone_is_missing():
     levels = {one.name: one for one in compare_levels(comparison(None, {"step": 1 / 255}))}
     assert levels["intensity_step"].missing.value == pytest.approx(1 / 255, rel=1e-3)
+
+
+def test_noise_grows_where_that_of_neighbours_does():
+    even = comparison(None, {"range_m": 0.015})
+    assert not range_noise_grows(even)
+    # The weakest third of the echoes scatters five times as much as the others.
+    power = np.log(np.maximum(even.scan.intensity, 1e-4)) - 2 * np.log(np.maximum(even.scan.range_m, 0.1))
+    weak = even.scan.hit & (power < np.quantile(power[even.scan.hit], 1 / 3))
+    more = np.random.default_rng(5).normal(0, 0.075, weak.shape)
+    measured = replace(even.measured, range_m=(even.measured.range_m + np.where(weak, more, 0)).astype(np.float32))
+    assert range_noise_grows(replace(even, measured=measured))

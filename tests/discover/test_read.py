@@ -151,6 +151,22 @@ def test_a_raster_of_some_frames_only(folders, key):
         read_comparison(*folders)
 
 
+def test_exchanged_folders_are_told_by_what_no_sensor_knows(folders):
+    for name in ("f0", "f1", "f2"):
+        rewrite(folders[1], name, incidence=np.ones((6, 12), np.float32))
+    with pytest.raises(ValueError, match=r"no sensor knows.*exchange --measured and --simulated"):
+        read_comparison(*folders)
+    for name in ("f0", "f1", "f2"):
+        rewrite(folders[0], name, incidence=np.ones((6, 12), np.float32))
+    assert read_comparison(*folders).names == ("f0", "f1", "f2")
+
+
+def test_a_measured_frame_that_is_a_copy_is_named(folders):
+    (folders[1] / "f2.npz").write_bytes((folders[1] / "f0.npz").read_bytes())
+    with pytest.raises(ValueError, match=r"f0 and f2 of .*measured hold the same readings"):
+        read_comparison(*folders)
+
+
 def test_an_intensity_that_is_the_same_everywhere_is_refused_measured_and_told_simulated(folders):
     def level(folder):
         for name in ("f0", "f1", "f2"):

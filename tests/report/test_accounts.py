@@ -68,7 +68,8 @@ def test_sides_without_a_relation_are_told_in_the_answer():
 def test_none_says_what_it_does_not_rule_out(tmp_path: Path):
     result = results.none()
     verdict = replace(result.verdict, sensitivity=(HIDDEN, SEEN))
-    assert "could not have shown retroreflection: what to record" in verdict_sentence(verdict)
+    told = "could not have shown retroreflection at half of a clearly visible size: what to record"
+    assert told in verdict_sentence(verdict)
     text = page(tmp_path, replace(result, verdict=verdict))
     assert "What these frames could show" in text
     assert "its surfaces &amp; many of them" in text
@@ -79,6 +80,14 @@ def test_frames_that_show_everything_leave_nothing_to_record():
     assert "would show every one" in could_show((SEEN,))
     assert "could not have shown" not in verdict_sentence(replace(results.none().verdict, sensitivity=(SEEN,)))
     assert could_show(()) == ""
+
+
+def test_what_is_named_is_not_listed_as_what_could_not_be_shown():
+    assert "its surfaces" in could_show((HIDDEN,))
+    assert "its surfaces" not in could_show((HIDDEN,), [HIDDEN.name])
+    verdict = results.named().verdict
+    named = replace(HIDDEN, name=verdict.effects[0].name)
+    assert replace(verdict, sensitivity=(HIDDEN, named)).not_testable == (HIDDEN,)
 
 
 def test_verdict_json_lists_what_cannot_be_told(tmp_path: Path):

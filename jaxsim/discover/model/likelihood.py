@@ -275,6 +275,13 @@ def rounding_gain(ev: Evidence, steps: Mapping[str, float]) -> Float[np.ndarray,
     return gain
 
 
+def step_known_to(ev: Evidence, name: str, step: float) -> float:
+    """How far the step of a lattice that readings lie on may be off: at the largest of them a wrong one would be off
+    by as much as counts as on the lattice."""
+    largest = float(np.max(_readings(ev)[name][np.asarray(ev.returned)], initial=step))
+    return RULES.lattice_near * step * step / largest
+
+
 def _readings(ev: Evidence) -> dict[str, Float[np.ndarray, "b c r"]]:
     """What the sensor read, by the effect that rounds it."""
     return {"intensity_quantization": ev.intensity, "range_quantization": np.asarray(ev.range_m)}

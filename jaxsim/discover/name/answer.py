@@ -27,6 +27,9 @@ from jaxsim.effects.effect import CHANNELS
 Along = tuple[str, str]
 """A free curve's channel and covariate."""
 
+MUTUAL = "with the sides exchanged it is found as well"
+UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -45,6 +48,8 @@ class Answer:
     """Free curves that are found with the sides exchanged as well."""
     mutual: tuple[str, ...] = ()
     """All that was found, and is not said because the sides say it of each other (`exchange`), in words."""
+    unfounded: tuple[str, ...] = ()
+    """Effects that were found, and are not said because neighbouring readings do not bear them out."""
     unconfirmed: tuple[str, ...] = ()
     """Free curves that scenes to which they were not fitted do not gain by, in words."""
 
@@ -58,6 +63,7 @@ def name_effects(
     nulls: int = 0,
     without: Sequence[str] = (),
     exchanged: Callable[[], Exchanged] | None = None,
+    noise_grows: Callable[[], bool] = lambda: True,
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
@@ -66,17 +72,20 @@ def name_effects(
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`.
     What a simulator with noise of its own says of the sensor, and the sensor of it, is passed over: `exchanged` gives
-    the sides exchanged, and is asked where anything is found.
+    the sides exchanged, and is asked where anything is found. Noise that grows as echoes weaken is said where that of
+    neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces.
     """
 
-    def both_show(step: FittedStep) -> bool:
-        """Whether the sides say an effect of each other."""
-        mutual_too = exchanged is not None and exchanged().has(step)
-        if mutual_too:
-            log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, and with the sides exchanged too: not said")
-        return mutual_too
+    def refuse(step: FittedStep) -> str:
+        why = ""
+        if exchanged is not None and exchanged().has(step):
+            why = MUTUAL
+        elif step.chosen.effect.name == "range_noise" and not noise_grows():
+            why = UNFOUNDED
+        if why:
+            log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, not said: {why}")
+        return why
 
-    refuse = both_show if exchanged else None
     choice = choose(null, catalogue, refuse=refuse, log=log)
     drawn = None
     if nulls:
@@ -94,8 +103,14 @@ def name_effects(
         curves.append((answer.curve[0].channel, answer.curve[0].covariate))
         log(f"{in_words(curves[-1])}: found with the sides exchanged too: not said")
         answer = decide(null, choice, dependences, scene=scene, without=without, but=curves)
-    mutual = (*choice.refused, *map(in_words, curves))
-    return replace(answer, nulls=drawn, both_show=tuple(curves), mutual=mutual)
+    mutual = [name for name, why in choice.refused.items() if why == MUTUAL]
+    return replace(
+        answer,
+        nulls=drawn,
+        both_show=tuple(curves),
+        mutual=(*mutual, *map(in_words, curves)),
+        unfounded=tuple(name for name, why in choice.refused.items() if why == UNFOUNDED),
+    )
 
 
 def without_curve(answer: Answer) -> Answer:

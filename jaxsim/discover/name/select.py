@@ -7,8 +7,8 @@ not ask how a candidate was fitted (`Step`, `Selection`, `worse`, `runner_up`) a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -125,14 +125,14 @@ class Choice(Selection[Candidate]):
     steps: tuple[FittedStep, ...]
     problem: Problem
     bars: Bars = Bars()
-    refused: tuple[str, ...] = ()
-    """Names of accepted effects that were refused."""
+    refused: Mapping[str, str] = field(default_factory=dict)
+    """Why accepted effects were refused, by name."""
     needless: tuple[str, ...] = ()
     """Names of effects that were added and taken back, as what came after them explains what they did."""
 
 
-Refuse = Callable[[FittedStep], bool]
-"""Whether an effect that would be added is none after all."""
+Refuse = Callable[[FittedStep], str]
+"""Why an effect that would be added is none after all; empty where it is one."""
 
 
 def too_rich(candidate: Candidate, best: Candidate) -> bool:
@@ -228,20 +228,20 @@ def add_steps(
     """
     steps = list(begun)
     problem = with_steps(null, steps) if steps else null
-    refused: list[str] = []
+    refused: dict[str, str] = {}
     while True:
         done = {*refused, *(step.chosen.effect.name for step in steps)}
         if ranking is None:
             ranking = rank_effects(problem, [effect for effect in catalogue if effect.name not in done])
         step = None if len(steps) == RULES.most_effects else first_step(problem, ranking, bars)
         # What is refused once stays out: the next best may be another matter altogether.
-        while step and refuse and refuse(step):
-            refused.append(step.chosen.effect.name)
+        while step and refuse and (why := refuse(step)):
+            refused[step.chosen.effect.name] = why
             step = first_step(problem, [one for one in ranking if one.effect.name not in refused], bars)
         if step is None:
             k = needless(null, steps, bars, log=log)
             if k is None:
-                return Choice(tuple(steps), tuple(ranking), problem, bars, tuple(refused))
+                return Choice(tuple(steps), tuple(ranking), problem, bars, refused)
             gone, rest = steps[k], [e for e in catalogue if e.name != steps[k].chosen.effect.name]
             # Beside nothing the ranking is as it was; else what stands before was fitted beside what is gone.
             known = [one for one in gone.ranking if one is not gone.chosen] if k == 0 else None

@@ -31,6 +31,7 @@ from jaxsim.discover.scenes import attainable, fold_half_width
 from jaxsim.discover.verdict import Unexplained
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.learned import OFFSET
+from jaxsim.effects.rays import TURN
 
 X_WORDS = {
     "range": "ln of range in m",
@@ -130,6 +131,12 @@ LETTER = {"intensity": "Δ ln I", OFFSET: "Δ I", "range": "Δ r", "drop": "p(dr
 """What a curve of each change is the height of."""
 CYCLES = np.arange(1.5, 8.01, 0.25)
 """Cycles of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
+CYCLES_OF_TURN = np.arange(1.0, 8.5)
+"""The same of a curve that closes: what runs round the sensor once is a wave, too."""
+WHOLE = 0.9
+"""Share of a turn from which on a curve over angles closes."""
+ANGLES = ("azimuth", "heading", "hue angle")
+"""Covariates that come back to where they began."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +166,8 @@ def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, dependence: De
         # Every number that shaped the formula makes what it leaves count for more.
         return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
 
-    shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight)]
+    closed = dependence.covariate in ANGLES and float(x[-1] - x[0]) > WHOLE * TURN
+    shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight, closed=closed)]
     best = min(shapes, key=unexplained)
     if unexplained(best) < RULES.shape_unlike:
         return best.character, f"{letter} ≈ {best.formula}"
@@ -181,11 +189,12 @@ def _steps(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> list[_Shape]:
     return shapes
 
 
-def _waves(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> list[_Shape]:
-    """A wave about a level for each number of cycles, its size and phase by least squares."""
+def _waves(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, closed: bool) -> list[_Shape]:
+    """A wave about a level for each number of cycles, its size and phase by least squares; of `closed` angles whole
+    numbers of cycles in a turn, one of them too."""
     shapes = []
-    span = float(x[-1] - x[0]) or 1.0
-    for cycles in CYCLES:
+    span = TURN if closed else float(x[-1] - x[0]) or 1.0
+    for cycles in CYCLES_OF_TURN if closed else CYCLES:
         w = 2 * np.pi * cycles / span
         design = np.stack([np.ones_like(x), np.sin(w * x), np.cos(w * x)], axis=1) * np.sqrt(weight)[:, None]
         beta = np.linalg.lstsq(design, y * np.sqrt(weight), rcond=None)[0]

@@ -149,6 +149,12 @@ class Verdict:
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
+    @property
+    def not_testable(self) -> tuple[Sensitivity, ...]:
+        """What the find scenes could not show at the size that was asked, and did not show at another."""
+        named = {one.name for one in self.effects}
+        return tuple(one for one in self.sensitivity if not one.testable and one.name not in named)
+
     def judged_nats(self, *channels: str) -> float:
         """What judge scenes gain in these channels, in their mean, with all in place that was found: nats a scene."""
         told = [self.gap[channel].gained for channel in channels if channel in self.gap]
@@ -163,8 +169,8 @@ class Verdict:
             gap[name]["not_worse"] = one.not_worse
         gap["closure"] = content.pop("closure")
         splits = {name: content.pop(name) for name in ("find", "judge", "sha256")}
-        hidden = [one for one in self.sensitivity if not one.testable]
-        content["not_testable"] = [{"name": one.name, "why": one.why, "record": one.record} for one in hidden]
+        hidden = [{"name": one.name, "why": one.why, "record": one.record} for one in self.not_testable]
+        content["not_testable"] = hidden
         for shown, one in zip(content["sensitivity"], self.sensitivity, strict=True):
             shown["smallest"] = plain(one.smallest)
         return content | {"gap": gap, "splits": splits, "seconds": round(self.seconds, 2)}

@@ -68,9 +68,9 @@ def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     assert said.unexplained.channel == "drop"
     assert said.choice.problem is one
     assert refitted == [1]
-    said = answer.decide(null, Choice((lost,), (), both, refused=("gamma_response",)), [], scene=scene)
+    said = answer.decide(null, Choice((lost,), (), both, refused={"gamma_response": "noise"}), [], scene=scene)
     assert (said.verdict, said.choice.steps) == ("not_in_catalogue", ())
-    assert said.choice.refused == ("gamma_response",)
+    assert said.choice.refused == {"gamma_response": "noise"}
     assert said.unexplained
     assert said.unexplained.channel == "drop"
     assert said.choice.problem is null

@@ -47,6 +47,15 @@ def test_additions_are_tried_where_intensities_follow_the_readout(monkeypatch, s
     assert len(curves) == len(tried) == min(len(strongest), 3) + len(added)
 
 
+def test_a_wave_of_one_turn_is_a_wave():
+    azimuth = np.linspace(-3.1, 3.1, 20)
+    along = Dependence("range", "azimuth", 0.01, 0.1, 50.0)
+    character, formula = shape_of(azimuth, 0.06 * np.cos(azimuth + 0.7), np.ones(20), dependence=along)
+    assert (character, formula.split("·")[0]) == ("periodic", "Δ r ≈ 0 + 0.06") or "0.06·sin(1·x" in formula
+    # Over half a turn it is no whole wave.
+    assert "sin(1·x" not in shape_of(azimuth / 2, np.cos(azimuth), np.ones(20), dependence=along)[1]
+
+
 def test_what_is_added_is_told_in_the_intensitys_own_unit():
     along = Dependence("intensity", "even rows", 0.01, 0.1, 50.0, adds=True)
     told = shape_of(np.array([0.0, 1.0]), np.array([0.002, 0.05]), np.ones(2), dependence=along)

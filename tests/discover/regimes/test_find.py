@@ -49,6 +49,23 @@ def test_its_sensor_model_acts_there_alone_and_its_report_says_so(sector, tmp_pa
     assert (tmp_path / "figures" / "regime_beam_range_bias.svg").is_file()
 
 
+def test_a_wave_round_the_sensor_is_no_effect_of_a_sector(tmp_path, standard_promotion):
+    make_case(tmp_path / "case", effect="none", seed=24, scenes=12, **SMALL)
+    for path in (tmp_path / "case" / "measured").glob("*.npz"):
+        arrays = dict(np.load(path))
+        azimuth = np.array(json.loads((path.parent / "grid.json").read_text())["azimuth"])
+        wave_m = 0.06 * np.cos(azimuth + 0.7)
+        arrays["range"] = np.where(arrays["range"] > 0, arrays["range"] + wave_m, 0).astype(np.float32)
+        np.savez(path, **arrays)
+    result = discover_folders(
+        simulated=tmp_path / "case" / "simulated",
+        measured=tmp_path / "case" / "measured",
+        effects=("range_offset", "extrinsic_translation"),
+    )
+    assert (result.verdict.verdict, result.verdict.regimes) == ("not_in_catalogue", ())
+    assert result.verdict.unexplained.covariate == "azimuth"
+
+
 @pytest.mark.slow
 def test_an_effect_that_half_of_the_scenes_have_is_named_from_its_moment_on(tmp_path, standard_promotion):
     key, result, grid = answered(tmp_path / "case", "beam_gain", "time", 22, 16, ("beam_gain", "range_falloff"))
