@@ -50,7 +50,7 @@ def test_its_sensor_model_acts_there_alone_and_its_report_says_so(sector, tmp_pa
 
 
 def test_a_wave_round_the_sensor_is_no_effect_of_a_sector(tmp_path, standard_promotion):
-    make_case(tmp_path / "case", effect="none", seed=24, scenes=12, **SMALL)
+    make_case(tmp_path / "case", effect="none", seed=24, scenes=16, **SMALL)
     for path in (tmp_path / "case" / "measured").glob("*.npz"):
         arrays = dict(np.load(path))
         azimuth = np.array(json.loads((path.parent / "grid.json").read_text())["azimuth"])
@@ -60,7 +60,7 @@ def test_a_wave_round_the_sensor_is_no_effect_of_a_sector(tmp_path, standard_pro
     result = discover_folders(
         simulated=tmp_path / "case" / "simulated",
         measured=tmp_path / "case" / "measured",
-        effects=("range_offset", "extrinsic_translation"),
+        effects=("range_offset",),
     )
     assert (result.verdict.verdict, result.verdict.regimes) == ("not_in_catalogue", ())
     assert result.verdict.unexplained.covariate == "azimuth"
