@@ -27,11 +27,12 @@ def named(
     step: Step[Any],
     parameters: dict[str, Any],
     *,
+    does: dict[str, Interval] | None = None,
     more_alike: Sequence[str] = (),
     remedy: str = "scenes in which their covariates differ more",
 ) -> Named:
-    """An effect that was named, with its look-alikes (`more_alike` besides) and what would tell them apart: `remedy`,
-    where the catalogue does not say."""
+    """An effect that was named, with what it `does` to the rays, its look-alikes (`more_alike` besides) and what would
+    tell them apart: `remedy`, where the catalogue does not say."""
     effect = step.chosen.effect
     alike = list(dict.fromkeys([*(one.effect.plain_name for one in step.alike), *more_alike]))
     # Look-alikes of one's own effect are those of these frames, which the candidates carry.
@@ -47,6 +48,7 @@ def named(
         p_value=step.chosen.chance,
         gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
         parameters=parameters,
+        does=does or {},
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from jaxsim.devices import by_small_steps
-from jaxsim.discover.add import Added, add_effects
+from jaxsim.discover.add import Added, add_effects, changes
 from jaxsim.discover.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.explain import (
     mutual_noise,
@@ -251,7 +251,10 @@ def verdict_fields(null: Problem, model: FittedAnswer, *, known: SensorModel) ->
     choice, added = model.choice, model.added
     return {
         "verdict": model.answer.verdict,
-        "effects": tuple(named(step, values) for step, values in zip(choice.steps, added.parameters, strict=True)),
+        "effects": tuple(
+            named(step, values, does=changes(null, one))
+            for step, values, one in zip(choice.steps, added.parameters, added.refits, strict=True)
+        ),
         "unexplained": model.answer.unexplained,
         "moved": nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
         "ranking": ranking(choice, why_not, bar=choice.bars.effect),

@@ -51,6 +51,7 @@ def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> 
         f"p {_p(named.p_value)}, sign flips over scenes)."
     )
     parts.append(paragraph(Markup("Changes {}. {}").format(changes, gains)))
+    parts += [paragraph(_does(channel, change)) for channel, change in named.does.items()]
     rows, charts = [], []
     links = Markup(", ").join(Markup('<a href="#{}">{}</a>').format(name, words) for words, name in places)
     parts.append(Markup('<p class="links">Its evidence: {}.</p>').format(links))
@@ -69,6 +70,19 @@ def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> 
         words = Markup('<p class="alike"><b>Could also be {}.</b> To tell them apart: {}.</p>')
         parts.append(words.format(code(other), apart))
     return join_parts(parts)
+
+
+def _does(channel: str, change: Interval) -> str:
+    """How much an effect changes on the compared rays, in words."""
+    what = {"intensity": "the intensity", "range": "the range", "drop": "what returns"}[channel]
+    if channel == "range":
+        sizes = [f"{100 * value:+.1f} cm" for value in (change.value, change.low, change.high)]
+    else:
+        # What is lost is told as a change too: less returns.
+        sign = -1 if channel == "drop" else 1
+        sizes = [f"{100 * sign * value:+.1f} %" for value in (change.value, change.low, change.high)]
+    mean, low, high = sizes
+    return f"On the rays compared it alone changes {what} by {mean} in the mean, nine of ten by {low} to {high}."
 
 
 def _evidence(named: Named, known: Effect | None, shown: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.add import intervals
+from jaxsim.discover.add import changes, intervals
 from jaxsim.discover.model.evidence import Measured, gather
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.noise import MOST
-from jaxsim.discover.model.null import fit_null, implied_level
+from jaxsim.discover.model.null import Refit, fit_null, implied_level
+from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
@@ -84,3 +85,20 @@ def test_a_surface_is_as_bright_as_its_rays_say_also_where_rays_are_lost():
     assert np.mean(level[gone & (kind == 7)]) == pytest.approx(-0.3, abs=0.05)
     assert np.mean(level[gone & (kind == 11)]) == pytest.approx(0.2, abs=0.05)
     assert not level[~hit].any()
+
+
+def test_what_an_effect_does_is_told_whatever_nuisances_take_up():
+    problem, found = fitted("range_scale", *toy(frames=len(FRAMES), seed=4))
+
+    def does(name, values):
+        z = to_z(EFFECTS[name], values, 16)
+        return changes(problem, Refit(EFFECTS[name], problem, replace(found, z=z)))
+
+    [(channel, dims)] = does("gamma_response", {"gamma": 1.3}).items()
+    rays = problem.ev.rays
+    expected = np.expm1(0.3 * np.asarray(rays.log_intensity))[np.asarray(rays.hit)]
+    assert channel == "intensity"
+    assert (dims.value, dims.low) == pytest.approx((expected.mean(), np.quantile(expected, 0.05)), abs=1e-4)
+    assert does("random_dropout", {"probability": 0.2})["drop"].value == pytest.approx(0.2, abs=1e-4)
+    assert does("range_offset", {"offset_m": 0.03})["range"].high == pytest.approx(0.03, abs=1e-4)
+    assert does("range_noise", {"sd_m": 0.02}) == {}

@@ -67,6 +67,7 @@ def named() -> Result:
         p_value=0.0078,
         gain=Interval(31.0, 12.0, 44.0, "nats per scene"),
         parameters={"scale": Interval(0.0021, 0.0018, 0.0024, "1")},
+        does={"range": Interval(0.021, 0.008, 0.05, "m")},
     )
     x = np.arange(ROWS, dtype=float)
     bright, far = Gained(180, 150, 210, 193, 41.5, 1), Gained(24, 11, 37, 30, 0, 0.83)

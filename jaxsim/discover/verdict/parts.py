@@ -5,7 +5,7 @@ show.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -149,6 +149,8 @@ class Named:
     """Held-out nats a scene over the model without it."""
     parameters: dict[str, Interval | tuple[Interval, ...]]
     """Vectors as one interval a beam or class."""
+    does: dict[str, Interval] = field(default_factory=dict)
+    """What it changes by channel: the mean of the rays, and between which ends nine of ten lie."""
 
     @property
     def values(self) -> dict[str, float | tuple[float, ...]]:
