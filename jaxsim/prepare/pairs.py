@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from jaxsim.config import PrepareConfig
 from jaxsim.files import placed
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Pair, PolarGrid, PolarImage
-from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, pad_cloud, scan_on_window
+from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, network_incidence, pad_cloud, scan_on_window
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
 from jaxsim.prepare.depth import complete_view
@@ -70,13 +70,13 @@ def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[
     view = dense_view(frame, config)
     grid, rows = polar_window(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
-    angle, known = incidence(painted.range_m, painted.valid, grid)
+    angle = network_incidence(painted.range_m, painted.valid, grid)
     # To the host: pairs are kept in files.
-    painted, angle, known = jax.tree.map(np.asarray, (painted, angle, known))
+    painted, angle = jax.tree.map(np.asarray, (painted, angle))
     nothing = np.zeros(angle.shape, np.float32)
     pair = Pair(
         painted=painted,
-        incidence_rad=np.where(known, angle, np.float32(np.pi / 2)),
+        incidence_rad=angle,
         row_share=np.broadcast_to(rows[:, None], angle.shape).copy(),
         target=nothing,
         measured=PolarImage(range_m=nothing, intensity=nothing, valid=np.zeros(angle.shape, bool)),

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid
-from jaxsim.geometry import directions, incidence, polar_to_points
+from jaxsim.geometry import directions, known_or_right, network_incidence, polar_to_points
 from jaxsim.prepare import check_view, crop_image, polar_window
 from jaxsim.runs.kinds import Run
 from jaxsim.simulate.predict import Generate, NetworkWindow, check_image, simulate_frame, simulate_painted
@@ -207,7 +207,11 @@ def _cloud_of_rays(
     prepare: PrepareConfig,
 ) -> Cloud:
     (painted, incidence_rad), (grid, row_share) = met, window
-    angle = incidence(painted.range_m, painted.valid, grid)[0] if incidence_rad is None else incidence_rad
+    # A caster's angle of a ray that ends nowhere means nothing; training had a right angle there.
+    if incidence_rad is None:
+        angle = network_incidence(painted.range_m, painted.valid, grid)
+    else:
+        angle = known_or_right(incidence_rad, painted.valid)
     seen = {"incidence_rad": angle, "row_share": row_share}
     return polar_to_points(simulate_painted(params, painted, **seen, generate=generate, prepare=prepare), grid)
 

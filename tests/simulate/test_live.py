@@ -16,6 +16,7 @@ from jaxsim.config import GeneratorConfig, PrepareConfig
 from jaxsim.data.carla import TAGS_0_9_14, intrinsics
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.clouds import read_cloud
+from jaxsim.simulate.live import attach_rays
 from tests.untrained import untrained_run
 
 PAGE = Path(__file__).parents[2] / "docs" / "live.md"
@@ -102,6 +103,17 @@ def test_rays_that_are_given_wrongly_are_told(of_rays):
         live(np.ones((44, 371), np.float32))
     nothing = live(np.full((44, 372), np.nan, np.float32))
     assert not np.asarray(nothing.valid).any()
+
+
+def test_a_ray_alone_has_the_angle_that_it_had_in_training(of_rays):
+    def slant(params, inputs):
+        """Not a network: the incidence, in right angles."""
+        return inputs[..., 2:3]
+
+    live = attach_rays(of_rays.run, None, of_rays.window, generate=slant)
+    range_m = np.zeros((44, 372), np.float32)
+    range_m[20, 100] = 12.0
+    np.testing.assert_allclose(returned(live(range_m))[:, 3], [0.99], atol=1e-6)
 
 
 def bgra(red, green, blue) -> bytes:
