@@ -15,7 +15,16 @@ from jaxtyping import Bool, Float
 from jaxsim.config import PrepareConfig
 from jaxsim.files import placed
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Pair, PolarGrid, PolarImage
-from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, network_incidence, pad_cloud, scan_on_window
+from jaxsim.geometry import (
+    LidarSpec,
+    camera_rows,
+    camera_window,
+    crop_camera,
+    network_incidence,
+    pad_cloud,
+    scan_on_window,
+)
+from jaxsim.geometry.rasters import check_rasters
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
 from jaxsim.prepare.depth import complete_view
@@ -88,9 +97,11 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
     """What the network is given of a frame: the cropped view with dense depth.
 
     A frame that no LiDAR measured comes with a depth of its own, and keeps it whatever the config asks for.
-    Raises ValueError where the frame lacks what the config asks for: depth, labels, image size.
+    Raises ValueError where the frame lacks what the config asks for: depth, labels, image size; and where a raster is
+    not what it must be (`check_rasters`).
     """
     with placed(frame.name):
+        check_rasters(frame.camera, "prepare")
         view = crop_image(frame.camera, config.image_crop)
         _check_inputs(view, config)  # before depth is completed, which takes its time
         rendered = frame.cloud is None and view.depth_m is not None

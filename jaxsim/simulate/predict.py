@@ -20,6 +20,7 @@ from jaxsim.config import QUANTILES, PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import network_incidence, resample
 from jaxsim.geometry.points import FAR_M
+from jaxsim.geometry.rasters import check_rasters
 from jaxsim.prepare import network_inputs, paint, paint_raster, shrink
 from jaxsim.runs.kinds import Run
 from jaxsim.simulate.grain import Grain, Ranks, draw_ranks
@@ -188,7 +189,10 @@ def simulate_frame(
 
     The paper's steps: carry the camera's rasters to the polar grid through depth and calibration, predict the
     intensity there, drop the rays of zero intensity. `row_share` is each beam's place in the sensor, 0 top, 1 bottom.
+
+    Raises ValueError as `check_rasters`, of shapes and types alone where it is traced.
     """
+    check_rasters(view, "simulate")
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     angle = network_incidence(painted.range_m, painted.valid, grid)
     seen = {"incidence_rad": angle, "row_share": row_share}

@@ -14,7 +14,13 @@ from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import camera_at_lidar, preset, window_grid
 from jaxsim.prepare import dense_view, network_inputs, paint, paint_raster, prepare_view, shrink
 from jaxsim.runs.run import describe_run
-from jaxsim.simulate.predict import camera_intensity, check_field_of_view, check_image, simulate_frame, simulate_unprojected
+from jaxsim.simulate.predict import (
+    camera_intensity,
+    check_field_of_view,
+    check_image,
+    simulate_frame,
+    simulate_unprojected,
+)
 
 K = np.array([[60.0, 0, 63.5], [0, 60.0, 19.5], [0, 0, 1]], np.float32)
 PREPARE = PrepareConfig(inputs=("rgb", "depth"), network_size=(32, 64))
