@@ -6,6 +6,7 @@ given; KITTI's .bin has room for neither.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -15,6 +16,7 @@ from jaxtyping import Float, Float32
 
 from jaxsim.files import need, replacing
 from jaxsim.frame import Cloud
+from jaxsim.geometry.points import check_points
 
 _Points = Float32[np.ndarray, "n 4"]
 _PCD = {"f4": ("F", 4), "u2": ("U", 2)}
@@ -27,6 +29,13 @@ def points_of(cloud: Cloud) -> _Points:
     xyz = np.asarray(cloud.xyz_m)
     if xyz.ndim != 2:
         raise ValueError(f"cloud: expected one cloud of shape (n, 3), got {xyz.shape}; save a batch cloud by cloud")
+    one = {name: np.asarray(getattr(cloud, name)) for name in ("intensity", "valid")}
+    for name, values in one.items():
+        if values.shape != xyz.shape[:1] or (name == "valid" and values.dtype != bool):
+            kind = "true or false" if name == "valid" else "a number"
+            raise ValueError(
+                f"cloud: {name} is {values.shape} of {values.dtype} for {len(xyz)} points; give {kind} a point"
+            )
     return np.column_stack([xyz, np.asarray(cloud.intensity)]).astype(np.float32)[np.asarray(cloud.valid)]
 
 
@@ -112,12 +121,20 @@ def save_cloud(path: Path | str, cloud: Cloud, *, time_s: Float[np.ndarray, " n"
 
     `.bin` is KITTI's velodyne format (float32 x, y, z, intensity); `.pcd` is PCD 0.7 binary; `.ply` is binary
     little endian; `.npz` holds `xyz` and `intensity`; `.las` is LAS 1.4 (extra las). All but `.bin` have `ring` where
-    the cloud has rows, and `time` (s) where `time_s` is given. Raises ValueError for another suffix.
+    the cloud has rows, and `time` (s) where `time_s` is given.
+
+    Raises ValueError for another suffix, and for what readers refuse (`check_points`): points that are not finite or
+    beyond what any LiDAR sees, intensity beyond 0..1. Warns of a cloud without points, which they refuse, too.
     """
     path = Path(path)
     if path.suffix not in FORMATS:
         raise ValueError(f"cloud: no format for {path.name!r}; known suffixes: {', '.join(FORMATS)}")
     table = table_of(cloud, time_s)
+    if len(table):
+        check_points(points_of(cloud), f"cloud: {path.name}")
+    else:
+        # It may be the truth, and where clouds are written one after the other the next ones are wanted.
+        warnings.warn(f"cloud: {path.name} holds no points: no reader here takes it", stacklevel=2)
     with replacing(path) as temporary, temporary.open("wb") as file:
         FORMATS[path.suffix](table, file)
     return path

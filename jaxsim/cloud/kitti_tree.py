@@ -9,7 +9,7 @@ Numbers are written so that they read back to the last bit, which two decimals (
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -168,8 +168,9 @@ class TreeRecord:
     frames: dict[str, dict[str, Any]]
 
     @classmethod
-    def open(cls, out: Path, settings: dict[str, Any]) -> TreeRecord:
-        """The record of `out`, a new one where there is none.
+    def open(cls, out: Path, settings: dict[str, Any], *, unsaid: Collection[str] = ()) -> TreeRecord:
+        """The record of `out`, a new one where there is none. Settings in `unsaid` that an old one lacks count as the
+        same.
 
         Raises ValueError where the tree was made with other settings, or by something else.
         """
@@ -183,7 +184,8 @@ class TreeRecord:
                 if not isinstance(one["name"], str) or not isinstance(one["left_out"], str | None):
                     raise ValueError("a frame's name, or why it was left out, is no text")
             # A tree that holds no frame yet may become another.
-            return content["settings"] if frames or written else settings
+            was = content["settings"] if frames or written else settings
+            return {name: settings[name] for name in unsaid if name in settings} | was
 
         written = any(files_in(out / "training" / folder, suffix) for folder, suffix in SUFFIX_OF.items())
         filled = path.is_file() or written

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.files import check_keys, real
-from jaxsim.frame import CLASSES
 from jaxsim.geometry.points import FAR_M
+from jaxsim.geometry.rasters import all_within, check_classes, span_in_words
 
 SEE = "`jaxsim discover --help` tells the format"
 LOW_ORIGIN_M = 10.0
@@ -156,11 +156,8 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             raise ValueError(
                 f"polar frames: {path}: {name} spans {span_in_words(arrays[name])}; it must hold whole numbers (ids)"
             )
-    if "semantic" in arrays and not all_within(arrays["semantic"], 0, CLASSES - 1):
-        raise ValueError(
-            f"polar frames: {path}: semantic spans {span_in_words(arrays['semantic'])}; it must hold Cityscapes ids "
-            f"0..{CLASSES - 1}, 0 where the class is not known"
-        )
+    if "semantic" in arrays:
+        check_classes(arrays["semantic"], f"polar frames: {path}")
     if "incidence" in arrays and not all_within(arrays["incidence"][range_m > 0], 0, np.pi / 2 + 1e-3):
         raise ValueError(
             f"polar frames: {path}: incidence spans {span_in_words(arrays['incidence'][range_m > 0])} where the ray "
@@ -170,18 +167,6 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
         rgb = arrays["rgb"]
         if not all_within(rgb, 0, 255) or (rgb.dtype.kind == "f" and 0 < rgb.max(initial=0) <= 1):
             raise ValueError(f"polar frames: {path}: rgb spans {span_in_words(rgb)}; it must lie in 0..255")
-
-
-def all_within(values: np.ndarray, low: int | float, high: int | float) -> bool:
-    """Whether all values are finite and in the interval."""
-    return bool(np.isfinite(values).all() and values.min(initial=low) >= low and values.max(initial=high) <= high)
-
-
-def span_in_words(values: np.ndarray) -> str:
-    """Says from what to what values go, and how many are not finite."""
-    known = values[np.isfinite(values)]
-    told = f"{known.min():g}..{known.max():g}" if known.size else "nothing"
-    return told if known.size == values.size else f"{told}, {values.size - known.size} of {values.size} NaN or infinite"
 
 
 def as_given(value: Any) -> str:

@@ -209,25 +209,28 @@ class SensorModel:
         return jax.tree.map(lambda *frames: np.concatenate(frames), *images)
 
     def optional(self) -> dict[str, Any]:
-        """Learned laws (`learned`) and the parts where effects act (`where`, by name) as plain values; keys only where
-        there are some, so that files of models without them stay as they were."""
+        """Levels (`levels`), learned laws (`learned`), and by name the parts where effects act (`where`) and from where
+        effects of one's own come (`own`), as plain values; keys only where there are some, so that files of models
+        without them stay as they were."""
+        levels = {"levels": dict(self.levels)} if self.levels else {}
+        origins = {name: origin for name, _ in self.effects if (origin := origin_of(name))}
+        own = {"own": origins} if origins else {}
         learned = {"learned": [law.to_json() for law in self.learned]} if self.learned else {}
         where = {"where": {name: region.to_json() for name, region in self.regions.items()}} if self.regions else {}
-        return learned | where
+        return levels | own | learned | where
 
     def save(self, path: Path | str) -> None:
         """Writes sensor.json."""
         optional = self.optional()
-        # In the file a part stands with its effect.
-        where = optional.pop("where", {})
+        # In the file a part and an origin stand with their effect.
+        where, own = optional.pop("where", {}), optional.pop("own", {})
         entries = [
             {"name": name, "parameters": {p: list(v) if isinstance(v, tuple) else v for p, v in parameters.items()}}
-            | ({"from": origin} if (origin := origin_of(name)) else {})
+            | ({"from": own[name]} if name in own else {})
             | ({"where": where[name]} if name in where else {})
             for name, parameters in self.effects
         ]
-        content = {"effects": entries} | ({"levels": dict(self.levels)} if self.levels else {})
-        write_text(path, json.dumps(content | optional, indent=1) + "\n")
+        write_text(path, json.dumps({"effects": entries} | optional, indent=1) + "\n")
 
     @classmethod
     def load(cls, path: Path | str, rows: int | None = None) -> SensorModel:

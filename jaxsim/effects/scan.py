@@ -14,8 +14,9 @@ from jaxtyping import Bool, Float
 from jaxsim.effects.edits import wrapped
 from jaxsim.effects.places import on_turn, spans_turn
 from jaxsim.effects.rays import Scan
-from jaxsim.frame import CLASSES, Array, PolarGrid, PolarImage
+from jaxsim.frame import Array, PolarGrid, PolarImage
 from jaxsim.geometry import incidence
+from jaxsim.geometry.rasters import check_classes
 
 BLOOMS_FROM = 0.9
 """Intensity from which a surface blooms."""
@@ -101,11 +102,7 @@ def _frame(
     # What did not return has no intensity, whatever a file keeps there.
     intensity = np.where(hit, image.intensity, 0).astype(np.float32)
     semantic = np.asarray(further.get("semantic", np.zeros(shape)), np.int32)
-    if semantic.min() < 0 or semantic.max() >= CLASSES:
-        raise ValueError(
-            f"scan_of: frame {number}: semantic spans {semantic.min()}..{semantic.max()}; it must hold Cityscapes ids "
-            f"0..{CLASSES - 1}, 0 where the class is not known"
-        )
+    check_classes(semantic, f"scan_of: frame {number}")
     # A renderer that has no retroreflection still knows which surfaces are signs.
     glare_m, glare_rad = nearest_glare(grid, range_m, hit & ((intensity >= BLOOMS_FROM) | (semantic == SIGN)))
     return {

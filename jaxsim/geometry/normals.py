@@ -79,3 +79,16 @@ def incidence(
     slant = square > 1e-12
     sine = jnp.where(slant, jnp.sqrt(jnp.where(slant, square, jnp.ones_like(square))), jnp.zeros_like(square))
     return azimuth_of(jnp.abs(jnp.sum(normal * ray, axis=-1)), sine), known
+
+
+def network_incidence(
+    range_m: Float[Array, "*b r c"], valid: Bool[Array, "*b r c"], grid: PolarGrid
+) -> Float[Array, "*b r c"]:
+    """Angle of incidence as networks are given it, in training and in use: a right angle where it is not known, which
+    is wherever nothing is seen, too."""
+    return known_or_right(*incidence(range_m, valid, grid))
+
+
+def known_or_right(angle_rad: Float[Array, "*b r c"], known: Bool[Array, "*b r c"]) -> Float[Array, "*b r c"]:
+    """The angles that are known, and a right angle for the others."""
+    return jnp.where(known, angle_rad, jnp.full_like(angle_rad, jnp.pi / 2))

@@ -15,7 +15,16 @@ from jaxtyping import Bool, Float
 from jaxsim.config import PrepareConfig
 from jaxsim.files import placed
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Pair, PolarGrid, PolarImage
-from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, pad_cloud, scan_on_window
+from jaxsim.geometry import (
+    LidarSpec,
+    camera_rows,
+    camera_window,
+    crop_camera,
+    network_incidence,
+    pad_cloud,
+    scan_on_window,
+)
+from jaxsim.geometry.rasters import check_rasters
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
 from jaxsim.prepare.depth import complete_view
@@ -70,13 +79,13 @@ def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[
     view = dense_view(frame, config)
     grid, rows = polar_window(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
-    angle, known = incidence(painted.range_m, painted.valid, grid)
+    angle = network_incidence(painted.range_m, painted.valid, grid)
     # To the host: pairs are kept in files.
-    painted, angle, known = jax.tree.map(np.asarray, (painted, angle, known))
+    painted, angle = jax.tree.map(np.asarray, (painted, angle))
     nothing = np.zeros(angle.shape, np.float32)
     pair = Pair(
         painted=painted,
-        incidence_rad=np.where(known, angle, np.float32(np.pi / 2)),
+        incidence_rad=angle,
         row_share=np.broadcast_to(rows[:, None], angle.shape).copy(),
         target=nothing,
         measured=PolarImage(range_m=nothing, intensity=nothing, valid=np.zeros(angle.shape, bool)),
@@ -88,9 +97,11 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
     """What the network is given of a frame: the cropped view with dense depth.
 
     A frame that no LiDAR measured comes with a depth of its own, and keeps it whatever the config asks for.
-    Raises ValueError where the frame lacks what the config asks for: depth, labels, image size.
+    Raises ValueError where the frame lacks what the config asks for: depth, labels, image size; and where a raster is
+    not what it must be (`check_rasters`).
     """
     with placed(frame.name):
+        check_rasters(frame.camera, "prepare")
         view = crop_image(frame.camera, config.image_crop)
         _check_inputs(view, config)  # before depth is completed, which takes its time
         rendered = frame.cloud is None and view.depth_m is not None

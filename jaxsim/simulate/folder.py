@@ -24,7 +24,6 @@ from jaxsim.config import DataConfig
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import Announced, about_frame, write_frame
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.origin import origin_of
 from jaxsim.files import claim, file_of, files_in
 from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
@@ -290,10 +289,8 @@ def _has_frames(out: Path) -> bool:
 def _plain(effects_model: SensorModel | None) -> dict[str, Any]:
     """Names and parameters of the effects, as in sensor.json but each by itself."""
     model = effects_model or SensorModel()
-    origins = {name: origin for name, _ in model.effects if (origin := origin_of(name))}
     return {
         "effects": [name for name, _ in model.effects],
         "parameters": [dict(parameters) for _, parameters in model.effects],
-        **({"own": origins} if origins else {}),
         **model.optional(),
     }

@@ -22,7 +22,16 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid
-from jaxsim.geometry import directions, incidence, polar_to_points
+from jaxsim.geometry import directions, known_or_right, network_incidence, polar_to_points
+from jaxsim.geometry.rasters import (
+    all_within,
+    check_classes,
+    check_metres,
+    check_rasters,
+    check_shapes,
+    on_host,
+    span_in_words,
+)
 from jaxsim.prepare import check_view, crop_image, polar_window
 from jaxsim.runs.kinds import Run
 from jaxsim.simulate.predict import Generate, NetworkWindow, check_image, simulate_frame, simulate_painted
@@ -50,7 +59,9 @@ class Live:
     def __call__(self, view: CameraFrame) -> Cloud:
         """The cloud in the LiDAR's frame (x forward, y left, z up), dropped rays masked.
 
-        Raises ValueError for a view of another size or batch, and where it lacks depth or labels that the run needs.
+        Raises ValueError for a view of another size or batch, where it lacks depth or labels that the run needs, and
+        where a raster is not what it must be (`check_rasters`); of rasters on an accelerator shapes and types are
+        checked. A view in which nothing is seen gives a cloud without a point.
         """
         shape = view.rgb.shape[:-1]
         if shape != self.shape:
@@ -58,6 +69,11 @@ class Live:
                 f"live: the view is {_times(shape)}; it was attached to {_times(self.shape)}: attach again for another "
                 "size or batch"
             )
+        if on_host(view):
+            check_rasters(view, "live", may_be_empty=True)
+        else:
+            # A copy to the host would take longer than the sensor.
+            check_shapes(view, "live")
         cropped = crop_image(view, self.crop)
         self.check(cropped)
         return self.run(cropped)
@@ -88,7 +104,8 @@ class LiveRays:
         """The cloud of rays that end `range_m` from their origins; where they end nowhere, `range_m` is not finite or
         <= 0, or `valid` says so. `semantic` holds Cityscapes ids; without `incidence_rad` it is told from the ranges.
 
-        Raises ValueError for rasters of another size, and where labels are missing that the run was trained on.
+        Raises ValueError for rasters of another size, ranges that are not metres, classes that are no Cityscapes ids,
+        angles that are not 0..pi/2 where a ray ends, and where labels are missing that the run was trained on.
         """
         away = np.asarray(range_m, np.float32)
         size = self.directions.shape[:2]
@@ -102,6 +119,16 @@ class LiveRays:
             )
         ends = np.isfinite(away) & (away > 0)
         ends = ends if valid is None else ends & np.asarray(valid, bool)
+        # No ray may end anywhere: then there is no scale to look at.
+        if ends.any():
+            check_metres(away[ends], "live: range_m")
+        if semantic is not None:
+            check_classes(np.asarray(semantic), "live")
+        if incidence_rad is not None and not all_within(angles := np.asarray(incidence_rad)[ends], 0, np.pi / 2 + 1e-3):
+            raise ValueError(
+                f"live: incidence_rad spans {span_in_words(angles)}; it must be the angle between ray and surface "
+                "normal, 0 head on to pi/2: turn degrees into radians"
+            )
         # A ray that ends nowhere is 0 in every raster, as in painted frames.
         away = np.where(ends, away, np.float32(0))
         nothing = np.zeros(away.shape, np.int32)
@@ -128,9 +155,10 @@ class LiveRays:
 def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generate) -> Live:
     """Compiles the sensor for views like this one, of its size, batch, camera and labels, and logs what a call takes.
 
-    Raises ValueError where the images are not like those that the run learned from, or where the view lacks depth or
-    labels.
+    Raises ValueError where the images are not like those that the run learned from, where the view lacks depth or
+    labels, and where a raster is not what it must be (`check_rasters`).
     """
+    check_rasters(view, "live")
     prepare = run.experiment.prepare
     size = view.rgb.shape[-3:-1]
     check_image(size, run)
@@ -207,7 +235,11 @@ def _cloud_of_rays(
     prepare: PrepareConfig,
 ) -> Cloud:
     (painted, incidence_rad), (grid, row_share) = met, window
-    angle = incidence(painted.range_m, painted.valid, grid)[0] if incidence_rad is None else incidence_rad
+    # A caster's angle of a ray that ends nowhere means nothing; training had a right angle there.
+    if incidence_rad is None:
+        angle = network_incidence(painted.range_m, painted.valid, grid)
+    else:
+        angle = known_or_right(incidence_rad, painted.valid)
     seen = {"incidence_rad": angle, "row_share": row_share}
     return polar_to_points(simulate_painted(params, painted, **seen, generate=generate, prepare=prepare), grid)
 

@@ -18,8 +18,9 @@ from jaxtyping import Bool, Float
 
 from jaxsim.config import QUANTILES, PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Painted, Pair, PolarGrid, PolarImage
-from jaxsim.geometry import incidence, resample
+from jaxsim.geometry import network_incidence, resample
 from jaxsim.geometry.points import FAR_M
+from jaxsim.geometry.rasters import check_rasters
 from jaxsim.prepare import network_inputs, paint, paint_raster, shrink
 from jaxsim.runs.kinds import Run
 from jaxsim.simulate.grain import Grain, Ranks, draw_ranks
@@ -188,9 +189,12 @@ def simulate_frame(
 
     The paper's steps: carry the camera's rasters to the polar grid through depth and calibration, predict the
     intensity there, drop the rays of zero intensity. `row_share` is each beam's place in the sensor, 0 top, 1 bottom.
+
+    Raises ValueError as `check_rasters`, of shapes and types alone where it is traced.
     """
+    check_rasters(view, "simulate")
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
-    angle, _ = incidence(painted.range_m, painted.valid, grid)
+    angle = network_incidence(painted.range_m, painted.valid, grid)
     seen = {"incidence_rad": angle, "row_share": row_share}
     return simulate_painted(params, painted, **seen, generate=generate, prepare=prepare, key=key, grain=grain), painted
 
@@ -228,7 +232,7 @@ def camera_intensity(
     stand for them from top to bottom. Each pixel takes the intensity of the cell that its centre falls into.
     """
     shrunk = shrink(view, (len(grid.elevation_rad), len(grid.azimuth_rad)))
-    angle, _ = incidence(shrunk.range_m, shrunk.valid, grid)
+    angle = network_incidence(shrunk.range_m, shrunk.valid, grid)
     says = predict_cells(generate, params, shrunk, incidence_rad=angle, row_share=row_share, prepare=prepare)
     # Intensity in steps of 1/100, 0 for a ray that does not come back.
     intensity = says.reported

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,6 +16,7 @@ from jaxsim.cloud import place_intensity
 from jaxsim.files import digest_of_values
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
+from jaxsim.geometry.rasters import check_rasters
 from jaxsim.pix2pix import make_generate
 from jaxsim.prepare import check_view, crop_image, input_channels, polar_window
 from jaxsim.runs.kinds import Run
@@ -95,13 +97,15 @@ class LearnedSensor:
 
         With `key`, one a view, the answer is a draw from the network's distribution instead of what is most likely;
         its cells scatter together as `grain` says (`read_grain`), or each for itself.
-        Raises ValueError where the view lacks depth, or labels that the run was trained on, or the camera sees another
-        width and is not projected, and where there is nothing to draw from.
+        Raises ValueError where a raster is not what it must be (`check_rasters`), where the view lacks depth, or labels
+        that the run was trained on, or the camera sees another width and is not projected, and where there is nothing
+        to draw from.
         """
         if key is not None and projection != "lidar":
             raise ValueError(
                 "simulate: draws are made on the LiDAR's grid; leave out --draws, or project (--projection lidar)"
             )
+        check_rasters(view, "simulate")
         check_view(view, self.run.experiment.prepare)
         self._check_projection(view, projection)
         grid, row_share = window or self.window
@@ -113,8 +117,10 @@ class LearnedSensor:
         """Intensity 0..0.99 of every pixel of an image with depth, predicted without projection; 0 outside the crop.
 
         The paper's simulation on Virtual KITTI: pixels of intensity 0 are dropped from the pseudo-LiDAR cloud. Raises
-        ValueError where the image is not like those that the run learned from, or lacks what it needs.
+        ValueError where the image is not like those that the run learned from, or lacks what it needs, and where a
+        raster is not what it must be (`check_rasters`).
         """
+        check_rasters(view, "simulate")
         prepare = self.run.experiment.prepare
         size = view.rgb.shape[-3:-1]
         check_image(size, self.run)
@@ -129,7 +135,8 @@ class LearnedSensor:
         """A function from a simulator's views to clouds, compiled for views like this one: its size, batch, camera and
         labels. It has its latency, which is logged too.
 
-        Raises ValueError where the images are not like those that the run learned from, or lack depth or labels.
+        Raises ValueError where the images are not like those that the run learned from, or lack depth or labels, and
+        where a raster is not what it must be (`check_rasters`).
         """
         return attach_camera(self.run, self.params, view, generate=self.generate)
 
@@ -159,30 +166,49 @@ class LearnedSensor:
     ) -> Cloud:
         """A point cloud from a depth map, labels and an image.
 
-        `depth_m` is planar depth in metres, not finite or <= 0 where there is nothing (sky); `semantic` holds
-        Cityscapes ids, `instance` numbers objects (0 none); `camera` defaults to the one the run was trained
-        with. Returns the cloud in the LiDAR's frame (x forward, y left, z up), dropped rays masked.
+        `depth_m` is planar depth in metres, not finite or 0 where there is nothing (sky), or beyond 1000 m; `semantic`
+        holds Cityscapes ids, `instance` numbers objects (0 none); `camera` defaults to the one the run was trained
+        with. Returns the cloud in the LiDAR's frame (x forward, y left, z up), dropped rays masked. Warns where no ray
+        comes back.
 
-        Raises ValueError where the images have not the aspect ratio and resolution of those that the run learned from.
+        Raises ValueError where a raster is not what it must be (`check_rasters`), and where the images have not the
+        aspect ratio and resolution of those that the run learned from.
         """
-        check_image(np.shape(rgb)[-3:-1], self.run)
-        depth = np.asarray(depth_m, np.float32)
-        valid = np.isfinite(depth) & (depth > 0)
         view = CameraFrame(
             rgb=np.asarray(rgb),
             camera=camera or self.run.camera,
-            depth_m=np.where(valid, depth, np.float32(0)),
-            depth_valid=valid,
+            depth_m=np.asarray(depth_m),
             semantic=semantic,
             instance=instance,
         )
+        check_rasters(view, "simulate")
+        check_image(view.rgb.shape[-3:-1], self.run)
+        depth = np.asarray(depth_m, np.float32)
+        valid = np.isfinite(depth) & (depth > 0)
+        view = replace(view, depth_m=np.where(valid, depth, np.float32(0)), depth_valid=valid)
         prepare = self.run.experiment.prepare
         # Another camera covers another part of the sensor's grid.
         window = (
             polar_window(view.camera, view.rgb.shape[-3:-1], self.run.spec, config=prepare) if camera else self.window
         )
-        image, _ = self.simulate_view(crop_image(view, prepare.image_crop), window, projection=projection)
+        cropped = crop_image(view, prepare.image_crop)
+        image, painted = self.simulate_view(cropped, window, projection=projection)
+        _warn_of_nothing(image, painted)
         return polar_to_points(image, window[0])
+
+
+def _warn_of_nothing(image: PolarImage, painted: Painted) -> None:
+    """Warns where no ray of a view comes back, and says what kept them."""
+    returns = np.asarray(image.valid).any((-2, -1)).ravel()
+    if returns.all():
+        return
+    seen = np.asarray(painted.valid).any((-2, -1)).ravel()
+    k = int(np.flatnonzero(~returns)[0])
+    which = f"of view {k} " if returns.size > 1 else ""
+    why = "no pixel with depth lies on one: look at the depth, and at the camera's place on the LiDAR (cam_from_velo)"
+    if seen[k]:
+        why = "the network drops all of them, or they end beyond 1000 m: look at the image and at the classes"
+    warnings.warn(f"simulate: no ray {which}comes back; {why}", stacklevel=3)
 
 
 def load(folder: Path | str) -> LearnedSensor:

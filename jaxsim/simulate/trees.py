@@ -45,6 +45,9 @@ _log = logging.getLogger(__name__)
 SAVE_EVERY = 20
 """Frames between two writings of export.json."""
 
+UNSAID = ("levels", "own")
+"""Settings of a model of effects that records of earlier versions leave out, whatever they were."""
+
 Occlusion = Literal["levels", "never_visible", "paper"]
 
 
@@ -94,8 +97,9 @@ class TreePlan:
             "sensor": self.learned and self.learned.fingerprint,
             "effects": self.effects_model and self.effects_model.effects,
         }
-        # Keys only where they say something: a tree that was begun without them goes on.
-        made |= self.effects_model.optional() if self.effects_model else {}
+        # Keys only where they say something: a tree that was begun without them goes on. Those of UNSAID always, for
+        # a record without them is an earlier version's.
+        made |= {key: {} for key in UNSAID} | self.effects_model.optional() if self.effects_model else {}
         # As the file gives it back: what is compared with it must have lists for tuples.
         return json.loads(json.dumps(source | files | asdict(self.labels) | recipe | made))
 
@@ -206,7 +210,7 @@ def _begin(plan: TreePlan, dataset: Dataset) -> TreeRecord:
             f"export: --data.lidar camera is for vkitti2 and synthetic; the sensors of {plan.source.kind} stand apart"
         )
     _check_occlusion(plan, dataset)
-    record = TreeRecord.open(plan.out, plan.settings())
+    record = TreeRecord.open(plan.out, plan.settings(), unsaid=UNSAID)
     record.check_names(plan.out, {_number(position): dataset.name_of(position) for position in plan.positions})
     return record
 

@@ -1,9 +1,11 @@
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from jaxsim.cloud import FORMATS, save_cloud
+from jaxsim.data.clouds import read_cloud
 from jaxsim.frame import Cloud
 from tests.cloud.made_export import cloud, lined
 
@@ -78,3 +80,37 @@ def test_ring_and_time_come_back_by_other_programs(tmp_path, suffix):
     np.testing.assert_allclose(np.asarray(read["intensity"]) / scale, c.intensity[c.valid], atol=1e-5)
     x = read["xyz"][:, 0] if suffix == ".npz" else read["x"]
     np.testing.assert_allclose(np.asarray(x), c.xyz_m[c.valid, 0], atol=6e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"xyz_m": lambda a: a * np.nan}, "are NaN or infinite"),
+        ({"xyz_m": lambda a: a * 1e6}, "coordinates must be in metres"),
+        ({"intensity": lambda a: a * 300 + 2}, r"intensity spans .* it must lie in 0\.\.1"),
+        ({"intensity": lambda a: np.full(a.shape, 200, np.uint8)}, r"divide 0\.\.255 by 255"),
+        ({"intensity": lambda a: a[:-1]}, r"intensity is .* points; give a number a point"),
+        ({"valid": lambda a: a.astype(np.uint8)}, r"valid is .* of uint8 .* give true or false a point"),
+    ],
+)
+def test_what_readers_refuse_is_not_written(tmp_path, change, message):
+    wrong = replace(cloud(), **{name: made(getattr(cloud(), name)) for name, made in change.items()})
+    for suffix in (".bin", ".ply"):
+        with pytest.raises(ValueError, match=f"cloud: .*{message}"):
+            save_cloud(tmp_path / f"a{suffix}", wrong)
+    assert not os.listdir(tmp_path)
+
+
+def test_a_cloud_without_points_is_written_with_a_warning(tmp_path):
+    nothing = replace(cloud(), valid=np.zeros(cloud().valid.shape, bool))
+    with pytest.warns(UserWarning, match=r"a\.npz holds no points: no reader here takes it"):
+        path = save_cloud(tmp_path / "a.npz", nothing)
+    with pytest.raises(ValueError, match="holds no points"):
+        read_cloud(path)
+
+
+def test_points_that_are_not_valid_may_be_anything(tmp_path):
+    one = cloud()
+    xyz = np.where(one.valid[:, None], one.xyz_m, np.nan)
+    path = save_cloud(tmp_path / "a.npz", replace(one, xyz_m=xyz))
+    np.testing.assert_array_equal(read_cloud(path), want(one))

@@ -22,6 +22,8 @@ def test_an_effect_goes_through_its_sensor_json_with_where_it_comes_from(tmp_pat
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     assert [entry.get("from") for entry in entries] == [None, {"file": "vignetting.py", "sha256": sha256}]
     assert SensorModel.load(tmp_path / "sensor.json") == model
+    # Folders of frames and trees say so, too, for a file of the same name may have been edited.
+    assert model.optional()["own"] == {"vignetting": {"file": "vignetting.py", "sha256": sha256}}
 
 
 def test_a_sensor_json_loads_no_code_and_says_what_is_needed(tmp_path, monkeypatch):

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsim.geometry import directions, full_grid, incidence, normals, preset, window_grid
+from jaxsim.geometry import directions, full_grid, incidence, network_incidence, normals, preset, window_grid
 
 SPEC = preset("hdl64e")
 GRID = window_grid(SPEC, 0.5, -0.4, columns=24, rows=(26, 44))
@@ -95,3 +95,15 @@ def test_head_on_is_nought():
     range_m = (10 / rays[..., 0]).astype(np.float32)
     angle, _ = incidence(range_m, np.ones(range_m.shape, bool), grid)
     assert angle[:, 1] == pytest.approx(np.abs(grid.elevation_rad), abs=2e-3)
+
+
+def test_networks_are_given_a_right_angle_where_none_is_known():
+    range_m = ranges_to_plane(np.array([-1.0, 0, 0]), -10.0).astype(np.float32)
+    valid = np.ones(range_m.shape, bool)
+    valid[3:6, 3:6] = False
+    valid[4, 4] = True
+    angle, known = incidence(range_m, valid, GRID)
+    given = network_incidence(range_m, valid, GRID)
+    assert not known[4, 4]
+    assert (np.asarray(given)[~np.asarray(known)] == np.float32(np.pi / 2)).all()
+    np.testing.assert_array_equal(np.asarray(given)[known], np.asarray(angle)[known])

@@ -13,6 +13,7 @@ from jaxsim.simulate.folder import (
     MadeBatch,
     Speed,
     _overlapped,
+    claim_effects,
     claim_frames,
     data_words,
     simulate_folder,
@@ -170,3 +171,11 @@ def test_effects_that_drift_count_from_the_data_sets_first_frame(tmp_path, monke
 
     simulate_folder(maker, [3, 4, 5], data="six", spread=spread)
     assert [batch.first_s for batch in seen] == [1.3e9]
+
+
+def test_frames_of_other_levels_are_not_added(tmp_path):
+    noisy = SensorModel((), {"range_noise": 0.02})
+    claim_effects(tmp_path, noisy)
+    claim_effects(tmp_path, noisy)
+    with pytest.raises(ValueError, match=r"levels\.range_noise was 0\.02, now 0\.03"):
+        claim_effects(tmp_path, SensorModel((), {"range_noise": 0.03}))

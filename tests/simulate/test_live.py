@@ -16,10 +16,12 @@ from jaxsim.config import GeneratorConfig, PrepareConfig
 from jaxsim.data.carla import TAGS_0_9_14, intrinsics
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.clouds import read_cloud
+from jaxsim.simulate.live import attach_rays
 from tests.untrained import untrained_run
 
 PAGE = Path(__file__).parents[2] / "docs" / "live.md"
 CARLA, RAYS = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), re.DOTALL | re.MULTILINE)
+RASTERS = ("rgb", "depth_m", "depth_valid", "semantic", "instance")
 SMALL = GeneratorConfig(filters=4, blocks=1, downsamples=1, enhancer_blocks=1)
 
 
@@ -82,7 +84,23 @@ def test_views_that_do_not_fit_are_told(sensor, view, live):
     with pytest.raises(ValueError, match="need class labels"):
         sensor.attach(view.replace(semantic=None))
     with pytest.raises(ValueError, match="render at 1242 x 375"):
-        sensor.attach(view.replace(rgb=view.rgb[:200]))
+        sensor.attach(view.replace(**{k: getattr(view, k)[:200] for k in RASTERS}))
+
+
+def test_buffers_of_another_kind_are_told_at_every_tick(sensor, view, live):
+    kilometres = view.replace(depth_m=view.depth_m / 1000)
+    for look in (live, sensor.attach):
+        with pytest.raises(ValueError, match=r"live: depth_m .* it must be in metres: multiply"):
+            look(kilometres)
+        with pytest.raises(ValueError, match=r"live: rgb is \(375, 1242, 4\).* leave the alpha channel out"):
+            look(view.replace(rgb=np.concatenate([view.rgb, view.rgb[..., :1]], -1)))
+        with pytest.raises(ValueError, match=r"live: semantic spans -\d+\.\."):
+            look(view.replace(semantic=np.asarray(view.semantic, np.int32) - 33))
+    # A simulator may look into the sky; what it is compiled for must be a street.
+    sky = view.replace(depth_valid=np.zeros_like(view.depth_valid))
+    assert not np.asarray(live(sky).valid).any()
+    with pytest.raises(ValueError, match="known in no pixel"):
+        sensor.attach(sky)
 
 
 def test_the_latency_is_logged(of_rays, caplog):
@@ -100,8 +118,25 @@ def test_rays_that_are_given_wrongly_are_told(of_rays):
     live = of_rays.attach_rays()
     with pytest.raises(ValueError, match="cast `directions`, 44 x 372 rays"):
         live(np.ones((44, 371), np.float32))
+    with pytest.raises(ValueError, match=r"live: range_m .* divide millimetres by 1000"):
+        live(np.full((44, 372), 12_000, np.float32))
+    with pytest.raises(ValueError, match=r"incidence_rad spans 45\.\.45; .* turn degrees into radians"):
+        live(np.full((44, 372), 12, np.float32), incidence_rad=np.full((44, 372), 45, np.float32))
+    with pytest.raises(ValueError, match=r"live: semantic spans 0\.\.255"):
+        live(np.full((44, 372), 12, np.float32), semantic=np.arange(44 * 372).reshape(44, 372) % 256)
     nothing = live(np.full((44, 372), np.nan, np.float32))
     assert not np.asarray(nothing.valid).any()
+
+
+def test_a_ray_alone_has_the_angle_that_it_had_in_training(of_rays):
+    def slant(params, inputs):
+        """Not a network: the incidence, in right angles."""
+        return inputs[..., 2:3]
+
+    live = attach_rays(of_rays.run, None, of_rays.window, generate=slant)
+    range_m = np.zeros((44, 372), np.float32)
+    range_m[20, 100] = 12.0
+    np.testing.assert_allclose(returned(live(range_m))[:, 3], [0.99], atol=1e-6)
 
 
 def bgra(red, green, blue) -> bytes:

@@ -10,11 +10,17 @@ import pytest
 
 from jaxsim.config import Experiment, PrepareConfig
 from jaxsim.data.synthetic import kitti_camera
-from jaxsim.frame import CameraFrame
+from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import camera_at_lidar, preset, window_grid
-from jaxsim.prepare import paint, paint_raster, shrink
+from jaxsim.prepare import dense_view, network_inputs, paint, paint_raster, prepare_view, shrink
 from jaxsim.runs.run import describe_run
-from jaxsim.simulate.predict import camera_intensity, check_field_of_view, check_image, simulate_unprojected
+from jaxsim.simulate.predict import (
+    camera_intensity,
+    check_field_of_view,
+    check_image,
+    simulate_frame,
+    simulate_unprojected,
+)
 
 K = np.array([[60.0, 0, 63.5], [0, 60.0, 19.5], [0, 0, 1]], np.float32)
 PREPARE = PrepareConfig(inputs=("rgb", "depth"), network_size=(32, 64))
@@ -112,3 +118,23 @@ def test_without_projection_the_field_of_view_must_be_the_runs(run):
     wide = replace(virtual, intrinsics=virtual.intrinsics * [[0.8], [0.8], [1]])
     with pytest.raises(ValueError, match=r"the camera sees 92\.7 degrees, the run's 80\.2; .*--projection lidar"):
         check_field_of_view(wide, run)
+
+
+def test_the_network_is_given_what_it_was_trained_with():
+    prepare = PrepareConfig(
+        inputs=("incidence", "depth"), network_size=(16, 64), image_crop=(40, 128), columns=64, depth="given"
+    )
+    street = Frame("street-0", "street", view(), None)
+    pair, grid = prepare_view(street, preset("hdl64e"), prepare)
+    trained = network_inputs(pair.painted, pair.incidence_rad, pair.row_share, prepare=prepare)
+    given = []
+
+    def watched(params, inputs):
+        given.append(np.asarray(inputs)[0])
+        return params * inputs[..., :1]
+
+    settings = {"row_share": pair.row_share[:, 0], "generate": watched, "prepare": prepare}
+    simulate_frame(jnp.float32(1), dense_view(street, prepare), grid, **settings)
+    assert not pair.painted.valid.all()
+    assert (pair.incidence_rad[~pair.painted.valid] == np.float32(np.pi / 2)).all()
+    np.testing.assert_array_equal(given[0], trained)

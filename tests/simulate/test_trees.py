@@ -21,6 +21,8 @@ from jaxsim.simulate.trees import export_trees
 from tests.cloud import openpcdet_rules as rules
 from tests.simulate.made_trees import Six, boxes_at
 
+PLAIN = CloudRecipe(source="measured")
+
 
 def listed(out, name):
     return (out / f"ImageSets/{name}.txt").read_text().split()
@@ -254,3 +256,28 @@ def test_effects_that_drift_count_from_the_data_sets_first_frame(tmp_path, six, 
     with pytest.raises(ValueError, match="enough"):
         Export(out=tmp_path / "out", frames="3-5", workers=1, effects=tmp_path / "sensor.json")()
     np.testing.assert_allclose(seen[0], 0.3, atol=1e-3)
+
+
+def test_a_tree_of_other_levels_is_not_gone_on_with_and_an_old_one_that_says_none_is(tmp_path, six, monkeypatch):
+    monkeypatch.setattr("jaxsim.simulate.trees.check_recipe", lambda *of: None)
+
+    def export(noise):
+        levels = {} if noise is None else {"range_noise": noise}
+        SensorModel((("range_scale", {"scale": 0.01}),), levels).save(tmp_path / "sensor.json")
+        Export(out=tmp_path / "out", frames="0", recipe=PLAIN, effects=tmp_path / "sensor.json")()
+
+    monkeypatch.setattr("jaxsim.simulate.trees.make_cloud", lambda frame, *rest, **more: frame.cloud)
+    export(0.02)
+    record = tmp_path / "out" / "export.json"
+    content = json.loads(record.read_text())
+    assert content["settings"]["levels"] == {"range_noise": 0.02}
+    export(0.02)
+    with pytest.raises(ValueError, match=r"other settings \(levels\.range_noise was 0\.02, now 0\.03\)"):
+        export(0.03)
+    with pytest.raises(ValueError, match=r"levels\.range_noise was 0\.02, now None"):
+        export(None)
+    # Records of earlier versions say nothing of levels.
+    del content["settings"]["levels"], content["settings"]["own"]
+    record.write_text(json.dumps(content))
+    export(0.02)
+    assert json.loads(record.read_text())["settings"]["levels"] == {"range_noise": 0.02}
