@@ -134,7 +134,7 @@ def _check_whole(path: Path, scan: Cloud, spec: LidarSpec) -> None:
     its lowest, or has too few points or too little intensity in all: a damaged file is else no different from a whole
     one, and its missing points would be learned as dropped rays. Warns where upper lines lack, which the open sky may
     swallow."""
-    xyz_m, row, intensity = np.asarray(scan.xyz_m), np.asarray(scan.row), np.asarray(scan.intensity)
+    xyz_m, row = np.asarray(scan.xyz_m), np.asarray(scan.row)
     azimuth = np.rad2deg(np.arctan2(xyz_m[:, 1], xyz_m[:, 0])) % 360
     if ((azimuth > 90) & (azimuth < 270)).mean() <= ALL_ROUND:
         return
@@ -146,7 +146,7 @@ def _check_whole(path: Path, scan: Cloud, spec: LidarSpec) -> None:
             f"round ends in the lowest line, beyond {LAST_DEG:g}: the file is cut off; copy it again"
         )
     _check_lines(path, np.bincount(row, minlength=lines), spec)
-    if (brightest := float(intensity.max())) < DARK:
+    if (brightest := float(np.max(scan.intensity))) < DARK:
         raise ValueError(
             f"{path}: no point has an intensity above {brightest:.2g}; a scan's lie in 0..1, up to about 0.99: they "
             "were lost, or divided once too often; use the file as recorded"
@@ -167,9 +167,9 @@ def _check_lines(path: Path, points: Int[np.ndarray, " rows"], spec: LidarSpec) 
     middle = int(np.median(points[road]))
     if middle < DENSE * spec.columns:
         raise ValueError(
-            f"{path} has {middle} points in the middle one of the laser lines that see the road; of a whole scan nearly "
-            f"all of {spec.columns} firings come back: the file was thinned or damaged; use it as recorded, or copy it "
-            "again. Of a sensor that turns faster, take the nearest beam: --data.rows elevation"
+            f"{path} has {middle} points in the middle one of the laser lines that see the road; of a whole scan "
+            f"nearly all of {spec.columns} firings come back: the file was thinned or damaged; use it as recorded, or "
+            "copy it again. Of a sensor that turns faster, take the nearest beam: --data.rows elevation"
         )
     if len(lost):
         warnings.warn(f"{what}; a sky without anything in it swallows them, else the file was thinned", stacklevel=2)

@@ -27,7 +27,7 @@ from jaxsim.progress import Progress
 RECORD = "log.json"
 LEAST_TURN = 0.5
 """A turn that fills fewer of the grid's columns is not written."""
-PARTIAL = "they fill less than half of the columns, because they begin or end within the recording, or lost their points"
+PARTIAL = "they fill less than half of the columns, as they begin or end within the recording, or lost points"
 
 
 @dataclass(frozen=True)
