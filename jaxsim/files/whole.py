@@ -54,8 +54,9 @@ def write_text(path: Path | str, text: str) -> Path:
 def files_in(folder: Path | str, *suffixes: str) -> list[Path]:
     """The files of a folder with one of these suffixes (`.npz`), by name; none where there is no such folder.
 
-    A suffix in capitals is the same, so that a file that nobody can read by its name is told, not passed over. Hidden files are left out: those that a killed process left half written (`replacing`), and what other programs keep
-    of their own (`._000000.bin` of macOS).
+    A suffix in capitals is the same, so that what is then missed under its usual name is told, not passed over. Hidden
+    files are left out: those that a killed process left half written (`replacing`), and what other programs keep of
+    their own (`._000000.bin` of macOS).
     """
     paths = Path(folder).glob("*")
     return sorted(path for path in paths if path.suffix.lower() in suffixes and not path.name.startswith("."))
