@@ -26,6 +26,12 @@ class Prepare(Checked):
         jaxsim train kitti_step_combined --data.kind prepared --data.root PAIRS \\
             --prepare.denoise-weights lidia.npz
 
+    A raw drive has neither labels nor dense depth, so that the inputs leave the ones out and the other is completed:
+
+        jaxsim prepare kitti_raw --data.root KITTI_RAW --train 0-3 --eval 4-5 --out PAIRS \\
+            --prepare.depth ip_basic --prepare.inputs rgb depth incidence row
+        jaxsim train kitti_raw --data.kind prepared --data.root PAIRS --data.train train --data.validation eval
+
     Give the --prepare flags of the experiment. What is there is not made again, so that a killed command goes on;
     the same bytes come of any number of workers. For sets that outgrow a machine, a cluster of Dask, or Apache Beam:
 

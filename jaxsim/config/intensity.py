@@ -94,9 +94,13 @@ class OptimConfig(Checked):
     """Adam for both networks, as published."""
 
     lr: Positive = 2e-4
+    """Rate of both networks: how far a step goes. Lower it where a training diverges."""
     betas: tuple[Share, Share] = (0.5, 0.999)
+    """Share of Adam's averages of gradients, and of their squares, that each step keeps."""
     eps: Positive = 1e-8
+    """Added to the root of the squares' average, so that no step is divided by 0."""
     batch: Count = 8
+    """Frames a step."""
     steps: Whole = 2000
     """Updates of the generator (and of the discriminator)."""
     epochs: Whole = 0
@@ -132,6 +136,7 @@ class OptimConfig(Checked):
     to the left, behind and to the right, as though the camera looked there, without image and labels. Needs whole
     scans, not such as are cropped to the image."""
     ema_decay: Share = 0.999
+    """Share of the averaged generator, which is the one that is used, that each step keeps."""
     ema_start: Whole = 500
     """The averaged generator copies the trained one up to this step."""
 

@@ -27,8 +27,16 @@ ALL_ROUND, LAST_DEG = 0.25, 339.0
 """Share of points behind the car from which a scan looks all round, and the azimuth that its lowest line reaches. In
 116 scans of 20 KITTI drives the share is 0.43 to 0.53, and all end in the lowest line at 339.5 to 342.4 degrees, where
 the car itself is in the way."""
-ROAD_DEG = -4.0
-"""Lines that point lower meet the road within 30 m wherever they look."""
+ROAD_DEG = -2.5
+"""Lines that point lower meet the road within 40 m wherever they look."""
+LEAST_POINTS = 1000
+"""Fewer points are no scan: one that is cropped to the camera has 17 000, a whole one 104 000 to 127 000."""
+DENSE = 0.56
+"""Share of the sensor's firings that come back along the middle one of the lines that see the road: 0.84 to 1.07 in 116
+scans of 20 KITTI drives, and at most 0.54 where every second point was taken out."""
+DARK = 0.01
+"""KITTI's intensity is a whole number of hundredths, up to 0.99 in every scan: one that stays below a single hundredth
+was set to 0 or divided once more."""
 
 
 def read_cloud(path: Path) -> Float[np.ndarray, "n c"]:
@@ -70,9 +78,15 @@ def check_rows(rows: str) -> str:
 
 
 def read_scan(path: Path, rows: str) -> Cloud:
-    """The points of a `.bin` with their laser lines. Raises UnorderedCloud where the order hides them."""
+    """The points of a `.bin` with their laser lines.
+
+    Raises UnorderedCloud where the order hides them, and ValueError where a scan in file order is not whole.
+    """
     xyz_m, intensity = read_velodyne(path)
-    return Cloud(xyz_m=xyz_m, intensity=intensity, valid=np.ones(len(xyz_m), bool), row=_lines(path, xyz_m, rows))
+    cloud = Cloud(xyz_m=xyz_m, intensity=intensity, valid=np.ones(len(xyz_m), bool), row=_lines(path, xyz_m, rows))
+    if rows == "file_order":  # the sensor's own file, not what was made of it
+        _check_whole(path, cloud, preset(SENSOR))
+    return cloud
 
 
 @cache
@@ -81,8 +95,9 @@ def fitted_spec(path: Path, rows: str) -> LidarSpec:
     spec = preset(SENSOR)
     if rows == "elevation":  # rows that were told by the nominal table cannot correct it
         return spec
-    xyz_m, _ = read_velodyne(path)
-    return fit_beams(xyz_m, _lines(path, xyz_m, rows), lines=spec.rows, name=f"{SENSOR}, fitted to {path.stem}")
+    scan = read_scan(path, rows)
+    xyz_m, row = np.asarray(scan.xyz_m), np.asarray(scan.row)
+    return fit_beams(xyz_m, row, lines=spec.rows, name=f"{SENSOR}, fitted to {path.stem}")
 
 
 @cache
@@ -100,21 +115,26 @@ def _lines(path: Path, xyz_m: Float[np.ndarray, "n 3"], rows: str) -> Int[np.nda
     spec = preset(SENSOR)
     if rows == "elevation":
         return rows_by_elevation(xyz_m, spec)
+    if len(xyz_m) < LEAST_POINTS:
+        raise ValueError(
+            f"{path} holds {len(xyz_m)} points; a whole scan has about 120000, and one that is cropped to the camera "
+            "17000: the file is cut off; copy it again, or leave the frame out"
+        )
     try:
-        row = recover_rows(xyz_m, lines=spec.rows, spec=spec)
+        return recover_rows(xyz_m, lines=spec.rows, spec=spec)
     except UnorderedCloud as error:
         raise UnorderedCloud(
             f"{path}: {error}. Use the file as recorded, or take the nearest beam: --data.rows elevation "
             '(rows="elevation" in Python)'
         ) from error
-    _check_whole(path, xyz_m, row, spec=spec)
-    return row
 
 
-def _check_whole(path: Path, xyz_m: Float[np.ndarray, "n 3"], row: Int[np.ndarray, " n"], *, spec: LidarSpec) -> None:
-    """Raises ValueError where a scan that looks all round lacks a line that sees the road, or does not have nearly all
-    of its lowest: a file cut between two points is else no different from a whole one. Warns where upper lines lack,
-    which the open sky may swallow."""
+def _check_whole(path: Path, scan: Cloud, spec: LidarSpec) -> None:
+    """Raises ValueError where a scan that looks all round lacks a line that sees the road, does not have nearly all of
+    its lowest, or has too few points or too little intensity in all: a damaged file is else no different from a whole
+    one, and its missing points would be learned as dropped rays. Warns where upper lines lack, which the open sky may
+    swallow."""
+    xyz_m, row = np.asarray(scan.xyz_m), np.asarray(scan.row)
     azimuth = np.rad2deg(np.arctan2(xyz_m[:, 1], xyz_m[:, 0])) % 360
     if ((azimuth > 90) & (azimuth < 270)).mean() <= ALL_ROUND:
         return
@@ -125,12 +145,31 @@ def _check_whole(path: Path, xyz_m: Float[np.ndarray, "n 3"], row: Int[np.ndarra
             f"{path} ends in laser line {lowest} of {lines - 1} at {reach:.0f} degrees; a scan that looks all "
             f"round ends in the lowest line, beyond {LAST_DEG:g}: the file is cut off; copy it again"
         )
-    lost = np.flatnonzero(np.bincount(row, minlength=lines) == 0)
-    if not len(lost):
-        return
+    _check_lines(path, np.bincount(row, minlength=lines), spec)
+    if (brightest := float(np.max(scan.intensity))) < DARK:
+        raise ValueError(
+            f"{path}: no point has an intensity above {brightest:.2g}; a scan's lie in 0..1, up to about 0.99: they "
+            "were lost, or divided once too often; use the file as recorded"
+        )
+
+
+def _check_lines(path: Path, points: Int[np.ndarray, " rows"], spec: LidarSpec) -> None:
+    """Checks how many points each line of a scan that looks all round has."""
+    lost, road = np.flatnonzero(points == 0), np.asarray(spec.elevation_deg) < ROAD_DEG
     what = (
-        f"{path} has no point in laser lines {', '.join(map(str, lost))} of 0..{lines - 1}, though it looks all round"
+        f"{path} has no point in laser lines {', '.join(map(str, lost))} of 0..{spec.rows - 1}, though it looks all "
+        "round"
     )
-    if np.asarray(spec.elevation_deg)[lost].min() < ROAD_DEG:
-        raise ValueError(f"{what}; these see the road: the file was thinned or damaged; use it as recorded")
-    warnings.warn(f"{what}; a sky without anything in it swallows them, else the file was thinned", stacklevel=2)
+    if road[lost].any():
+        raise ValueError(
+            f"{what}; these see the road: the file was thinned or damaged; use it as recorded, or copy it again"
+        )
+    middle = int(np.median(points[road]))
+    if middle < DENSE * spec.columns:
+        raise ValueError(
+            f"{path} has {middle} points in the middle one of the laser lines that see the road; of a whole scan "
+            f"nearly all of {spec.columns} firings come back: the file was thinned or damaged; use it as recorded, or "
+            "copy it again. Of a sensor that turns faster, take the nearest beam: --data.rows elevation"
+        )
+    if len(lost):
+        warnings.warn(f"{what}; a sky without anything in it swallows them, else the file was thinned", stacklevel=2)

@@ -254,7 +254,7 @@ class SensorModel:
             parts = {entry["name"]: entry["where"] for entry in content["effects"] if "where" in entry}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(
-                f'sensor: {path} is not {{"effects": [{{"name": ..., "parameters": {{...}}}}, ...]}} ({error!r})'
+                f'sensor: {path} is not {{"effects": [{{"name": ..., "parameters": {{...}}}}, ...]}} ({_said(error)})'
             ) from error
         try:
             for name, origin in origins.items():
@@ -266,10 +266,15 @@ class SensorModel:
                 for law in model.learned:
                     law.check_rows(rows)
         except (KeyError, TypeError) as error:
-            raise ValueError(f"sensor: {path}: `learned` holds an entry that is no law ({error!r})") from error
+            raise ValueError(f"sensor: {path}: `learned` holds an entry that is no law ({_said(error)})") from error
         except ValueError as error:
             raise ValueError(f"sensor: {path}: {error}") from error
         return model
+
+
+def _said(error: Exception) -> str:
+    """What is wrong with a text's content, in words."""
+    return f"it lacks {error}" if isinstance(error, KeyError) else str(error)
 
 
 _all_rays = jax.jit(all_rays)

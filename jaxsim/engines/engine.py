@@ -11,6 +11,9 @@ from typing import Any, NamedTuple
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import read_json
 
+_DIGITS = 1e-4
+"""By how much of it a number of verdict.json, which keeps six digits, may miss that of sensor.json."""
+
 
 class Estimate(NamedTuple):
     """A fitted number and its 90 % interval; both ends are NaN where nobody gave one."""
@@ -35,6 +38,8 @@ class FittedSensor:
     """Noise, losses and lattices that no effect explains, by the names of `effects.chain.LEVELS`."""
     learned: int = 0
     """Laws without a name."""
+    apart: tuple[str, ...] = ()
+    """Parameters and levels of which the verdict.json has other values, so that its intervals are not of these."""
 
     def one(self, effect: str, parameter: str) -> Estimate | None:
         """A parameter that is one number; None where the effect was not found."""
@@ -99,7 +104,10 @@ class Engine(NamedTuple):
 
 
 def read_answer(path: Path) -> FittedSensor:
-    """The answer of a sensor.json. Raises ValueError where it is none, as `SensorModel.load`."""
+    """The answer of a sensor.json, with the intervals of the verdict.json beside it where both have the same values.
+
+    Raises ValueError where it is none, as `SensorModel.load`, and where the two are of other numbers of beams.
+    """
     model = SensorModel.load(path)
     told: dict[str, Any] = {}
     verdict = path.with_name("verdict.json")
@@ -108,17 +116,42 @@ def read_answer(path: Path) -> FittedSensor:
         if not isinstance(told, dict) or not isinstance(told.get("effects", []), list):
             raise ValueError(f"engines: {verdict} is not what `jaxsim discover` writes; move it away, or run it again")
     intervals = {one.get("name"): one.get("parameters", {}) for one in told.get("effects", []) if isinstance(one, dict)}
+    missing = {one["name"]: one["missing"] for one in told.get("levels", []) if isinstance(one, dict)}
+    apart: list[str] = []
+
+    def fitted(value: Any, interval: Any, what: str) -> tuple[Estimate, ...]:
+        values = value if isinstance(value, tuple | list) else (value,)
+        if not _agree(values, interval, where=f"engines: {path}: {what}", other=verdict):
+            apart.append(what)
+            interval = None
+        return _fitted(values, interval)
+
     effects = {
-        name: {key: _fitted(value, intervals.get(name, {}).get(key)) for key, value in parameters.items()}
+        name: {
+            key: fitted(value, intervals.get(name, {}).get(key), f"{name}.{key}") for key, value in parameters.items()
+        }
         for name, parameters in model.effects
     }
-    missing = {one["name"]: one["missing"] for one in told.get("levels", []) if isinstance(one, dict)}
-    levels = {name: _fitted(float(value), missing.get(name))[0] for name, value in model.levels.items()}
-    return FittedSensor(effects, levels, len(model.learned))
+    levels = {name: fitted(float(value), missing.get(name), name)[0] for name, value in model.levels.items()}
+    return FittedSensor(effects, levels, len(model.learned), tuple(apart))
 
 
-def _fitted(value: Any, interval: Any) -> tuple[Estimate, ...]:
-    values = value if isinstance(value, tuple | list) else (value,)
+def _agree(values: Sequence[float], interval: Any, *, where: str, other: Path) -> bool:
+    """Whether an interval of verdict.json, where there is one, is of these values, but for the digits that it keeps."""
+    theirs = interval.get("value") if isinstance(interval, dict) else None
+    if theirs is None:
+        return True
+    theirs = theirs if isinstance(theirs, list) else [theirs]
+    if len(theirs) != len(values):
+        raise ValueError(
+            f"{where} has {len(values)} numbers, but {other} {len(theirs)}: one of the two was cut, or is of another "
+            "sensor's answer; put the two of one answer together, or move verdict.json away"
+        )
+    both = zip(values, theirs, strict=True)
+    return all(isinstance(b, int | float) and math.isclose(a, b, rel_tol=_DIGITS, abs_tol=1e-9) for a, b in both)
+
+
+def _fitted(values: Sequence[float], interval: Any) -> tuple[Estimate, ...]:
     ends = [_ends(interval, key, len(values)) for key in ("low", "high")]
     return tuple(Estimate(float(v), low, high) for v, low, high in zip(values, *ends, strict=True))
 
@@ -145,7 +178,13 @@ def translate(
     cannot = {what: engine.instead.get(what, general) for what in told if what not in engine.expresses}
     if answer.learned:
         cannot["learned law"] = general
-    return Translation(name, tuple(settings), cannot, engine.text(settings), engine.notes)
+    notes = engine.notes
+    if answer.apart:
+        notes += (
+            f"No intervals of {', '.join(answer.apart)}: the verdict.json beside the sensor.json has other values, so "
+            "it is of another answer, or one of the two was edited.",
+        )
+    return Translation(name, tuple(settings), cannot, engine.text(settings), notes)
 
 
 def combined(*parts: Estimate | None, how: Callable[[Sequence[float]], float]) -> Estimate | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from jaxsim.config import DataConfig, RunConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.data.records import PreparedPairs
+from jaxsim.data.seen import Side, warn_of_seen, warn_of_seen_pairs
 from jaxsim.data.select import frames_to_judge
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
@@ -84,6 +85,7 @@ def score_sensor(
     # What `previous frame` copies; it need not be among the judged.
     before = pairs_before(dataset, positions, data, prepare=prepare)
     train = prepared(own_dataset, select(of_run.train, own_dataset), of_run, prepare=prepare)
+    warn_of_seen_pairs(train, judged)
     if extractor:
         require_images(len(judged), extractor)
 
@@ -144,12 +146,17 @@ def score_checkpoints(run: Path, data: DataConfig, *, frames: str = "", validati
     Raises ValueError where no checkpoint is kept, and for frames that are not there or have no labels.
     """
     # As it was trained, but for where the scenes come from.
-    experiment = replace(load_run(run, DetectorRun).experiment, data=data)
+    trained = load_run(run, DetectorRun).experiment
+    experiment = replace(trained, data=data)
     steps = Checkpoints(run).steps[-MEAN_OF:]
     if not steps:
         raise ValueError(f"run: no checkpoint in {run}; the training has not saved one yet")
     dataset = open_dataset(data)
-    scenes = experiment_scenes(dataset, frames_to_judge(frames, dataset, validation=validation), experiment)
+    positions = frames_to_judge(frames, dataset, validation=validation)
+    if data.bare == trained.data.bare:
+        names = [dataset.name_of(i) for i in positions]
+        warn_of_seen(Side(select(trained.data.train, dataset)), Side(positions), names=names)
+    scenes = experiment_scenes(dataset, positions, experiment)
     find = make_find(experiment)
     per_step: list[list[Curve]] = []
     detections: list[Detected] = []

@@ -84,8 +84,10 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
 
 def write_image(path: Path | str, rgb: np.ndarray, *, by: str) -> Path:
     """Writes red, green and blue in the format of the path's suffix, whole or not at all; gives its path."""
+    # OpenCV has blue first; it encodes, and does not write, for of a disk that is full it would say nothing.
+    done, data = cv2.imencode(Path(path).suffix, np.ascontiguousarray(rgb[..., ::-1]))
+    if not done:
+        raise OSError(f"{by}: could not write {path}")
     with replacing(path) as temporary:
-        # OpenCV has blue first.
-        if not cv2.imwrite(str(temporary), np.ascontiguousarray(rgb[..., ::-1])):
-            raise OSError(f"{by}: could not write {path}")
+        temporary.write_bytes(data.tobytes())
     return Path(path)

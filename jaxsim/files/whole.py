@@ -22,18 +22,26 @@ LONGEST_NAME = 200
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """Gives a temporary path beside `path` to write to; it takes the name `path` when the block ends well."""
+    """Gives a temporary path beside `path` to write to; it takes the name `path` when the block ends well.
+
+    Errors of the system name `path`, which the user knows.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     # The suffix stays last: writers such as numpy and OpenCV choose the format by it.
     temporary = path.with_name(f".{os.getpid()}{SALT}.{path.name}")
-    # A link that lies there would be written through.
-    temporary.unlink(missing_ok=True)
     try:
-        yield temporary
-        os.replace(temporary, path)
-    finally:
+        # A link that lies there would be written through.
         temporary.unlink(missing_ok=True)
+        try:
+            yield temporary
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        if error.errno is not None and error.filename in (None, str(temporary), temporary):
+            error.filename = str(path)
+        raise
 
 
 def write_text(path: Path | str, text: str) -> Path:
@@ -46,11 +54,12 @@ def write_text(path: Path | str, text: str) -> Path:
 def files_in(folder: Path | str, *suffixes: str) -> list[Path]:
     """The files of a folder with one of these suffixes (`.npz`), by name; none where there is no such folder.
 
-    Hidden files are left out: those that a killed process left half written (`replacing`), and what other programs keep
-    of their own (`._000000.bin` of macOS).
+    A suffix in capitals is the same, so that what is then missed under its usual name is told, not passed over. Hidden
+    files are left out: those that a killed process left half written (`replacing`), and what other programs keep of
+    their own (`._000000.bin` of macOS).
     """
     paths = Path(folder).glob("*")
-    return sorted(path for path in paths if path.suffix in suffixes and not path.name.startswith("."))
+    return sorted(path for path in paths if path.suffix.lower() in suffixes and not path.name.startswith("."))
 
 
 def tidy(folder: Path | str) -> int:

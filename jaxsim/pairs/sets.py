@@ -18,7 +18,7 @@ from jaxsim.data.tfds_builder import MAKING, NAME, VERSION, About, JaxsimPairs, 
 from jaxsim.files import claim, parse_json, parse_settings, tidy, working_in
 from jaxsim.pairs.prepared import pairs_fingerprint
 from jaxsim.pairs.shards import PairJob, make_all, make_by_beam, make_on_cluster, read_note, write_shard
-from jaxsim.prepare import check_networks
+from jaxsim.prepare import check_frame, check_networks
 from jaxsim.progress import Progress
 
 
@@ -41,7 +41,8 @@ def make_set(
     options `beam`, or the cluster of Dask whose scheduler has the address `cluster`. What is there is not made again: a
     killed command goes on.
 
-    Raises ValueError for frames that lack something, and where `out` holds a set of other settings.
+    Raises ValueError for frames that lack something, of the first ones before anything is written, and where `out`
+    holds a set of other settings.
     """
     if size < 1 or workers < 0:
         raise ValueError(
@@ -52,13 +53,16 @@ def make_set(
     dataset = open_dataset(data)
     splits = _splits(dataset, data.kind, train=train, evaluation=evaluation)
     folder = Path(out) / NAME / data.kind / VERSION
+    finished = folder / "dataset_info.json"
+    firsts = [] if finished.is_file() else [dataset[positions[0]] for positions in splits.values()]
+    for frame in firsts:
+        check_frame(frame, prepare)
     with working_in(out):
-        if (folder / "dataset_info.json").is_file():
+        if finished.is_file():
             _check_finished(folder, data, prepare, splits=splits)
             _tidy(folder)
         else:
-            first = dataset[next(iter(splits.values()))[0]]
-            job = PairJob(data, prepare, dataset.spec, scan=first.cloud is not None)
+            job = PairJob(data, prepare, dataset.spec, scan=firsts[0].cloud is not None)
             _make(folder, dataset, job, splits=splits, size=size, workers=workers, beam=beam, cluster=cluster)
     return folder
 

@@ -12,6 +12,7 @@ from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.depth.frames import sparse_depth
 from jaxsim.prepare.paint import paint, paint_raster, shrink
 from jaxsim.prepare.pairs import (
+    check_frame,
     check_networks,
     check_view,
     crop_image,
@@ -23,6 +24,7 @@ from jaxsim.prepare.pairs import (
 
 __all__ = [
     "INPUT_CHANNELS",
+    "check_frame",
     "check_networks",
     "check_view",
     "crop_image",

@@ -6,6 +6,7 @@ lines x 372 columns. It depends on calibration and sensor alone, so all frames o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax
@@ -103,9 +104,9 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
     with placed(frame.name):
         check_rasters(frame.camera, "prepare")
         view = crop_image(frame.camera, config.image_crop)
-        _check_inputs(view, config)  # before depth is completed, which takes its time
-        rendered = frame.cloud is None and view.depth_m is not None
-        if config.depth != "given" and not rendered:
+        completed = config.depth != "given" and not _is_rendered(frame)
+        check_view(view, config, with_depth=not completed)  # before depth is completed, which takes its time
+        if completed:
             rows_cut = frame.camera.rgb.shape[-3] - config.image_crop[0]
             cloud = pad_cloud(_measured(frame))
             depth_m, valid = jax.device_get(sparse_depth(cloud, view.camera, config.image_crop))
@@ -114,6 +115,11 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
             )
         check_view(view, config)
     return view
+
+
+def _is_rendered(frame: Frame) -> bool:
+    """Whether the frame has a depth of its own, and no cloud that another could be completed from."""
+    return frame.cloud is None and frame.camera.depth_m is not None
 
 
 def _measured(frame: Frame) -> Cloud:
@@ -126,30 +132,48 @@ def _measured(frame: Frame) -> Cloud:
     return frame.cloud
 
 
-def check_view(view: CameraFrame, config: PrepareConfig) -> None:
-    """Raises ValueError where a view lacks depth, or labels that the config's inputs need."""
-    if view.depth_m is None or view.depth_valid is None:
-        raise ValueError(
-            "prepare: the view has no depth; give depth_m and depth_valid, or complete it from the LiDAR's "
-            "points with --prepare.depth ip_basic_fast"
+def check_frame(frame: Frame, config: PrepareConfig) -> None:
+    """Raises ValueError where a frame lacks what a config asks for, naming all of it and the flags that mend it: image
+    size, depth, labels, an image."""
+    given = config.depth == "given" or _is_rendered(frame)
+    lacks = _lacks(frame.camera, config, with_depth=given)
+    try:
+        _offsets(frame.camera.rgb.shape[-3:-1], config.image_crop)
+    except ValueError as error:
+        lacks.insert(0, str(error).removeprefix("prepare: "))
+    with placed(frame.name):
+        _refuse(lacks)
+
+
+def check_view(view: CameraFrame, config: PrepareConfig, *, with_depth: bool = True) -> None:
+    """Raises ValueError where a view lacks depth, or labels or an image that the config's inputs need: all of it at
+    once, with the flags that mend it."""
+    _refuse(_lacks(view, config, with_depth=with_depth))
+
+
+def _refuse(lacks: Sequence[str]) -> None:
+    if lacks:
+        raise ValueError(f"prepare: {'; and '.join(lacks)}")
+
+
+def _lacks(view: CameraFrame, config: PrepareConfig, *, with_depth: bool) -> list[str]:
+    lacks: list[str] = []
+    if with_depth and (view.depth_m is None or view.depth_valid is None):
+        lacks.append(
+            "the view has no depth; give depth_m and depth_valid, or complete it from the LiDAR's points with "
+            "--prepare.depth ip_basic_fast"
         )
-    _check_inputs(view, config)
-
-
-def _check_inputs(view: CameraFrame, config: PrepareConfig) -> None:
-    lacks = (
-        (view.semantic is None, ("semantic", "edges"), "class labels"),
-        (not view.has_image, ("rgb", "surroundings"), "an image"),
-    )
-    for missing, of_it, what in lacks:
-        needed = [name for name in of_it if name in config.inputs]
-        if missing and needed:
-            rest = " ".join(name for name in config.inputs if name not in needed)
-            rest = rest or ("rgb depth row" if view.has_image else "depth row")
-            raise ValueError(
-                f"prepare: the inputs {' and '.join(needed)} need {what}, which this view does not have; "
-                f"leave them out with --prepare.inputs {rest}, or choose frames that have it"
-            )
+    missing = {name: "class labels" for name in ("semantic", "edges") if view.semantic is None}
+    missing |= {name: "an image" for name in ("rgb", "surroundings") if not view.has_image}
+    needed = {name: missing[name] for name in config.inputs if name in missing}
+    if needed:
+        rest = " ".join(name for name in config.inputs if name not in needed)
+        rest = rest or ("rgb depth row" if view.has_image else "depth row")
+        lacks.append(
+            f"the inputs {' and '.join(needed)} need {' and '.join(dict.fromkeys(needed.values()))}, which this view "
+            f"does not have; leave them out with --prepare.inputs {rest}, or choose frames that have it"
+        )
+    return lacks
 
 
 def polar_window(

@@ -126,7 +126,9 @@ class MetricsLog:
         cause = (
             f"the batch itself holds NaN or infinity in {', '.join(unclean)}: look at the frames"
             if unclean
-            else "the batch is finite: lower --optim.lr, and resume from the last checkpoint with the same command"
+            else "the batch is finite, so that the network's own steps were too large: lower --optim.lr (of depth "
+            "completion that of its stages) and give another --run.name, for a run keeps the rate that it was begun "
+            "with; the checkpoints of this one are from before, and can be used"
         )
         raise TrainingDiverged(f"training: {', '.join(bad)} not finite at step {step}; batch saved to {path}; {cause}")
 

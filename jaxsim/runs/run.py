@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, TypeVar
 
 import jax
@@ -23,7 +24,7 @@ from jaxsim.config import Experiment
 from jaxsim.files import check_size, claim, digest, lock, placed, read_json
 from jaxsim.frame import Array, CameraFrame
 from jaxsim.geometry import LidarSpec
-from jaxsim.runs.kinds import KINDS, AnyRun, DetectorRun, Kind, Matrix, Run, kind_in, kind_of
+from jaxsim.runs.kinds import KINDS, AnyExperiment, AnyRun, DetectorRun, Kind, Matrix, Run, kind_in, kind_of
 
 Loaded = TypeVar("Loaded", bound=AnyRun)
 _LOOP_CLOSED = "Event loop is closed"
@@ -69,13 +70,30 @@ def start_run(folder: Path, run: AnyRun) -> None:
     Raises ValueError where it holds another run, naming the flags that differ, or another process trains in it.
     """
     lock(folder)
-    kind = kind_of(run)
+    _claim(folder, run.experiment, text=kind_of(run).dump(run))
+
+
+def check_folder(folder: Path, experiment: AnyExperiment) -> None:
+    """Raises ValueError where the folder holds another run than this experiment's, and OSError where it cannot be
+    written to: what `start_run` would say, before time goes into the frames. Leaves nothing there."""
+    place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    try:
+        with TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        error.filename = str(folder)
+        raise
+    _claim(folder, experiment)
+
+
+def _claim(folder: Path, experiment: AnyExperiment, *, text: bytes | None = None) -> None:
+    kind = kind_of(experiment)
     claim(
         folder / "config.json",
-        kind.plain(run.experiment),
+        kind.plain(experiment),
         by="run",
-        text=kind.dump(run),
-        read=lambda _: kind.plain(load_run(folder, type(run)).experiment),
+        text=text,
+        read=lambda _: kind.plain(load_run(folder, kind.run).experiment),
         free=[name for name in CHANGEABLE if name not in kind.fixed],
         instead="another --run.name",
     )
@@ -197,7 +215,8 @@ class Checkpoints:
         if summed := (self.folder / str(step) / SUMS).exists():
             wanted_items[SUMS] = ocp.args.JsonRestore()
         try:
-            restored = self.manager.restore(step, args=ocp.args.Composite(**wanted_items))
+            with _told_once():
+                restored = self.manager.restore(step, args=ocp.args.Composite(**wanted_items))
             if summed and restored[SUMS][item] != _digest(restored[item]):
                 raise ValueError("its arrays differ from the SHA-256 that they were saved with")
         except Exception as error:
@@ -217,7 +236,7 @@ class Checkpoints:
 
 @contextmanager
 def _told_once() -> Iterator[None]:
-    """Keeps Orbax and tensorstore from printing tracebacks where saving fails: the error comes anyway.
+    """Keeps Orbax and tensorstore from printing tracebacks where saving or reading fails: the error comes anyway.
 
     Orbax logs one of each of its threads; tensorstore tells the loop, which is closed by then, of each array that it
     had still in hand, and asyncio of each that nobody asks for: both also after the block.

@@ -30,6 +30,7 @@ from jaxsim.cloud.kitti_tree import (
 )
 from jaxsim.config import CloudRecipe, DataConfig
 from jaxsim.data import Dataset, select
+from jaxsim.data.seen import warn_of_scenes
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import boxes_of
 from jaxsim.effects.chain import SensorModel
@@ -279,11 +280,7 @@ def _finish(plan: TreePlan, record: TreeRecord) -> None:
     finished = {position for position, entry in entries.items() if not entry["left_out"]}
     judged_scenes = {entries[position]["scene"] for position in finished & validation}
     shared = judged_scenes & {entries[position]["scene"] for position in finished - validation}
-    if shared:
-        _log.warning(
-            f"scenes on both sides of the split, {', '.join(sorted(shared)[:3])}: a detector is then "
-            "scored on streets that it has seen"
-        )
+    warn_of_scenes(shared, who="a detector")
     sets = {
         "trainval": finished,
         "train": finished - validation,

@@ -19,6 +19,7 @@ from jaxsim import devices
 from jaxsim.config import DepthExperiment
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
+from jaxsim.data.seen import Side, warn_of_seen
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
 from jaxsim.prepare.depth.frames import Batches, depth_frame, where_backed
@@ -82,8 +83,9 @@ def frames_of(experiment: DepthExperiment) -> tuple[Sequence[DepthFrame], Sequen
             "that holds train/; other data are chosen by --data.validation"
         )
     dataset = open_dataset(data)
-    train = Rendered(dataset, select(data.train, dataset), crop=crop)
-    return train, Rendered(dataset, select(data.validation, dataset), crop=crop)
+    learned, judging = select(data.train, dataset), select(data.validation, dataset)
+    warn_of_seen(Side(learned), Side(judging), names=[dataset.name_of(i) for i in judging])
+    return Rendered(dataset, learned, crop=crop), Rendered(dataset, judging, crop=crop)
 
 
 def depth_training(experiment: DepthExperiment) -> Training:

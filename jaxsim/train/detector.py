@@ -9,6 +9,8 @@ from jaxtyping import PyTree, UInt8
 from jaxsim import detect, devices
 from jaxsim.config import DetectorExperiment
 from jaxsim.data import open_dataset, select
+from jaxsim.data.seen import Side, warn_of_seen
+from jaxsim.detect.scenes import Scenes
 from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
 from jaxsim.report.boxes import detection_picture
 from jaxsim.report.results import list_scores
@@ -27,6 +29,7 @@ def detector_training(experiment: DetectorExperiment) -> Training:
     dataset = open_dataset(data)
     train = experiment_scenes(dataset, select(data.train, dataset), experiment)
     validation = experiment_scenes(dataset, select(data.validation, dataset), experiment)
+    warn_of_seen(_side(train), _side(validation), names=[file.stem for file in validation.files])
     loader = detect.SceneBatches(
         train,
         experiment.voxels,
@@ -73,3 +76,8 @@ def detector_training(experiment: DetectorExperiment) -> Training:
         use=f"```\njaxsim detect {folder} --clouds FOLDER --out OUT\n```",
         hint=f"The last epochs' average precision, and pictures: jaxsim eval {folder}",
     )
+
+
+def _side(scenes: Scenes) -> Side:
+    """The scenes as a side of a split."""
+    return Side(scenes.files, lambda i: [scenes[i].points])

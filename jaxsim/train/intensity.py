@@ -15,6 +15,7 @@ from jaxsim.config import Experiment
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.batches import Changing, batches
 from jaxsim.data.records import PreparedPairs
+from jaxsim.data.seen import warn_of_seen_pairs
 from jaxsim.data.turned import Turned
 from jaxsim.evaluate.intensity import score_pairs
 from jaxsim.frame import Pair
@@ -69,6 +70,7 @@ def intensity_training(experiment: Experiment) -> Training:
     chosen = select(data.train, dataset)
     train = prepared(dataset, chosen, data, prepare=prepare)
     validation = prepared(dataset, select(data.validation, dataset), data, prepare=prepare)
+    warn_of_seen_pairs(train, validation)
     # Scaled on the host where frames are magnified or cut, or where drives of other calibrations see other windows.
     size = prepare.network_size
     cut = (optim.rows or size[0], optim.columns or size[1])

@@ -18,7 +18,7 @@ from jaxsim.progress import Progress
 from jaxsim.report.pictures import save_picture
 from jaxsim.runs.kinds import AnyExperiment, kind_of
 from jaxsim.runs.metrics_log import MetricsLog
-from jaxsim.runs.run import Checkpoints, start_run
+from jaxsim.runs.run import Checkpoints, check_folder, start_run
 from jaxsim.train.experiments import CONFIGS
 from jaxsim.train.training import RunScores, Training, run_folder, write_card
 
@@ -42,6 +42,9 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     if settings.distributed:
         devices.connect()
     writes = devices.is_first()
+
+    # Folder: whether the run can be kept there is known before time goes into the frames.
+    devices.by_first(lambda: check_folder(folder, experiment))
 
     # Data and model: what the builder of this kind makes of the experiment.
     training = training_of(experiment)

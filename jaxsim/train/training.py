@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -64,7 +65,12 @@ class Training:
 
 
 def run_folder(settings: RunConfig) -> Path:
-    """The folder of a run."""
+    """The folder of a run. Raises ValueError where its name leads elsewhere than below `out`."""
+    if settings.name in (".", "..") or re.search(r"[/\\\x00]", settings.name):
+        raise ValueError(
+            f"run: --run.name is {settings.name!r}; it must be the name of a folder below --run.out ({settings.out}), "
+            "without / and \\; name another place with --run.out"
+        )
     return Path(settings.out) / settings.name
 
 

@@ -195,6 +195,7 @@ def test_help_shows_a_whole_way_from_frames_to_training(capsys):
     text = capsys.readouterr().out
     for part in (
         "jaxsim prepare kitti_step --data.root",
+        "jaxsim prepare kitti_raw --data.root KITTI_RAW --train 0-3 --eval 4-5",
         "--data.kind prepared --data.root PAIRS",
         "goes on",
         "--beam",

@@ -8,7 +8,7 @@ import numpy as np
 from jaxsim.geometry import preset
 
 
-def scan(columns: int = 360) -> np.ndarray:
+def scan(columns: int = 1440) -> np.ndarray:
     """A whole turn inside a round room, line by line from straight ahead to the left, as KITTI stores it."""
     spec = preset("hdl64e")
     azimuth = np.deg2rad((np.arange(columns) + 0.5) * 360 / columns)

@@ -5,11 +5,12 @@ import pytest
 
 from jaxsim.data import KittiRaw
 from jaxsim.data.clouds import cloud_files, read_cloud, read_scan
+from jaxsim.data.logs import LogOptions, source_for, write_log
 from jaxsim.data.polar_frames import read_frame
 from jaxsim.evaluate.cloud_folder import read_points
 from jaxsim.evaluate.generation import open_folder
 from jaxsim.geometry import preset, recover_rows
-from tests.data.round_room import scan
+from tests.data.round_room import scan, write_scan
 
 
 @pytest.mark.parametrize("share", [0.999, 0.995, 0.98, 0.75, 0.5, 0.1])
@@ -54,6 +55,47 @@ def test_a_scan_of_fewer_lines_is_told(tmp_path):
     with pytest.warns(UserWarning, match=r"no point in laser lines 0, 1, 2, 3, 4, 5 of 0\.\.63"):
         cloud = read_scan(tmp_path / "b.bin", "file_order")
     np.testing.assert_array_equal(cloud.row, row[row > 5])
+
+
+def _dimmed(points, factor):
+    points[:, 3] *= factor
+    return points
+
+
+DAMAGED = {
+    "its head alone": (lambda p: p[:10], "holds 10 points; a whole scan has about 120000"),
+    "no head": (lambda p: p[int(0.3 * len(p)) :], "no point in laser lines 0, .*these see the road"),
+    "every second point": (lambda p: p[::2], r"of a whole scan nearly all of 2007 firings come back.*thinned"),
+    "half the points": (lambda p: p[np.random.default_rng(0).random(len(p)) < 0.5], "thinned or damaged"),
+    "no intensity": (lambda p: _dimmed(p, 0), "no point has an intensity above 0; .*use the file as recorded"),
+    "intensity divided twice": (lambda p: _dimmed(p, 1 / 255), r"no point has an intensity above 0\.00"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_a_scan_that_lost_much_is_no_truth_for_training(tmp_path, damage):
+    change, message = DAMAGED[damage]
+    change(scan(columns=1900)).tofile(tmp_path / "a.bin")
+    with pytest.raises(ValueError, match=message):
+        read_scan(tmp_path / "a.bin", "file_order")
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_frames_of_a_damaged_scan_say_what_is_wrong_with_it(tmp_path, damage):
+    change, message = DAMAGED[damage]
+    write_scan(tmp_path / "velodyne/000000.bin", change(scan(columns=1900)))
+    kind, source = source_for(tmp_path)
+    with pytest.raises(ValueError, match=message):
+        write_log(tmp_path, kind, source, out=tmp_path / "out", options=LogOptions())
+
+
+def test_a_real_scan_that_was_damaged_is_refused(samples, tmp_path):
+    files = [*samples.glob("kitti_raw/2011_09_26/*/velodyne_points/data/*.bin")]
+    whole = np.fromfile(files[0], "<f4").reshape(-1, 4)
+    for change, message in DAMAGED.values():
+        change(whole.copy()).tofile(tmp_path / "a.bin")
+        with pytest.raises(ValueError, match=message):
+            read_scan(tmp_path / "a.bin", "file_order")
 
 
 def test_a_drive_in_millimetres_is_refused(raw_root):

@@ -85,3 +85,18 @@ def test_nothing_that_was_found_is_passed_over(name, tmp_path):
     told = translate(read_answer(tmp_path / "sensor.json"), name, engine)
     assert set(told.cannot) == (set(EFFECTS) | {"intensity_step"}) - engine.expresses
     assert all(one.why for one in told.settings)
+
+
+def test_intervals_of_another_answer_are_not_taken(answer):
+    """Nor is a vector that was cut to fewer beams."""
+    verdict = json.loads((answer.parent / "verdict.json").read_text())
+    verdict["effects"][0]["parameters"]["coefficient_per_m"] = {"value": 0.1, "low": 0.09, "high": 0.11}
+    (answer.parent / "verdict.json").write_text(json.dumps(verdict))
+    found, told = settings(answer, "carla")
+    assert np.isnan(found["atmosphere_attenuation_rate"].value.low)
+    assert found["noise_stddev"].value == pytest.approx((SD, 0.018, 0.022))
+    assert "No intervals of atmospheric_extinction.coefficient_per_m" in told.notes[-1]
+    verdict["effects"][1]["parameters"]["bias_m"] = {"value": [0.02] * 64, "low": [0.01] * 64, "high": [0.03] * 64}
+    (answer.parent / "verdict.json").write_text(json.dumps(verdict))
+    with pytest.raises(ValueError, match=r"beam_range_bias\.bias_m has 2 numbers, but .*json 64: one .* was cut"):
+        read_answer(answer)

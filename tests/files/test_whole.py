@@ -1,5 +1,6 @@
 """What is half written is never taken for a file, and no name leaves its folder."""
 
+import errno
 import os
 
 import numpy as np
@@ -8,10 +9,11 @@ import pytest
 from jaxsim.data.polar_frames import frame_names, write_frame
 from jaxsim.evaluate.cloud_folder import clouds_in
 from jaxsim.evaluate.generation import open_folder
-from jaxsim.files import check_size, file_of, files_in, replacing, tidy, write_text
+from jaxsim.files import check_size, file_of, files_in, replacing, tidy, write_image, write_text
 from jaxsim.files.whole import SALT
 from jaxsim.frame import PolarImage
 from jaxsim.metrics.detection.files import frames_with_results
+from tests.full_disk import no_file_above
 
 
 def test_leftovers_of_a_kill_and_files_of_other_programs_are_no_frames(tmp_path):
@@ -36,6 +38,25 @@ def test_the_next_run_tidies_what_is_its_own_alone(tmp_path):
     assert tidy(tmp_path) == 1
     assert sorted(path.name for path in (tmp_path / "polar").iterdir()) == [".hidden", "b.npz"]
     assert (tmp_path / "other" / ".4711.b.npz").exists()
+
+
+def test_an_error_of_the_system_names_the_file_that_was_asked_for(tmp_path):
+    with no_file_above(1000), pytest.raises(OSError) as stop:  # noqa: PT011, the number is asked for below
+        write_text(tmp_path / "a.txt", "a" * 5000)
+    assert (stop.value.errno, stop.value.filename) == (errno.EFBIG, str(tmp_path / "a.txt"))
+    with no_file_above(1000), pytest.raises(OSError) as stop:  # noqa: PT011
+        write_image(tmp_path / "a.png", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8), by="test")
+    assert (stop.value.errno, stop.value.filename) == (errno.EFBIG, str(tmp_path / "a.png"))
+    with pytest.raises(FileNotFoundError) as stop, replacing(tmp_path / "a.txt"):
+        (tmp_path / "another").read_text()
+    assert stop.value.filename == str(tmp_path / "another")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_suffix_in_capitals_is_no_other(tmp_path):
+    for name in ("a.bin", "b.BIN", "c.txt"):
+        (tmp_path / name).touch()
+    assert [path.name for path in files_in(tmp_path, ".bin")] == ["a.bin", "b.BIN"]
 
 
 def test_a_link_where_the_temporary_goes_is_not_written_through(tmp_path):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from jaxsim.config import DataConfig
+from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
 from jaxsim.geometry import preset
 from jaxsim.pairs import shards as pair_shards
@@ -114,6 +114,20 @@ def test_frames_that_are_not_there_stop_before_anything_is_written(raw_root, ste
     with pytest.raises(ValueError, match="a file holds one or more"):
         make_set(out, kitti(raw_root), PREPARE, size=0)
     assert not out.exists()
+
+
+def test_all_that_frames_lack_is_told_at_once_and_before_anything_is_written(raw_root, tmp_path):
+    with pytest.raises(ValueError, match="2011_09_26_drive_0001_sync-0000000000") as stop:
+        make_set(tmp_path / "out", kitti(raw_root), PrepareConfig(image_crop=(400, 1216)), train="0-1", workers=1)
+    said = str(stop.value)
+    for part in (
+        "--prepare.image-crop to at most 375 1242",
+        "--prepare.depth ip_basic_fast",
+        "the inputs semantic and edges need class labels",
+        "--prepare.inputs rgb depth row",
+    ):
+        assert part in said
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_data_set_without_frames_is_empty(monkeypatch, raw_root, tmp_path):

@@ -126,6 +126,40 @@ def test_what_is_not_finite_ends_the_run_before_it_is_kept(tmp_path, monkeypatch
     assert Checkpoints(tmp_path / "run").latest == 3
 
 
+def test_a_folder_of_another_run_is_refused_before_anything_is_made(tmp_path, monkeypatch):
+    adding = Adding(tmp_path / "run")
+    adding.run(monkeypatch)
+
+    def made(experiment):
+        raise AssertionError("frames were made")
+
+    monkeypatch.setattr("jaxsim.train.loop.training_of", made)
+    other = replace(adding.experiment, data=replace(adding.experiment.data, root=tmp_path / "moved"))
+    with pytest.raises(ValueError, match=r"data\.root was None, now .*moved.*another --run\.name"):
+        train(other)
+    (tmp_path / "file").touch()
+    with pytest.raises(NotADirectoryError) as stop:
+        train(replace(other, run=replace(other.run, out=tmp_path / "file")))
+    assert stop.value.filename == str(tmp_path / "file/run")
+    for name in ("../../x", "..", "a/b"):
+        with pytest.raises(ValueError, match=r"must be the name of a folder below --run\.out"):
+            train(replace(other, run=replace(other.run, name=name)))
+
+
+def test_a_diverged_run_is_told_what_its_folder_takes(tmp_path, monkeypatch):
+    """A lower rate, as is advised, needs a folder of its own."""
+    diverging = Adding(tmp_path / "run", diverge=4)
+    with pytest.raises(TrainingDiverged, match=r"lower --optim\.lr .*and give another --run\.name"):
+        diverging.run(monkeypatch)
+    slower = Adding(tmp_path / "run")
+    slower.experiment = replace(slower.experiment, optim=replace(slower.experiment.optim, lr=1e-5))
+    with pytest.raises(ValueError, match=r"optim\.lr was .*another --run\.name"):
+        slower.run(monkeypatch)
+    renamed = Adding(tmp_path / "slower")
+    renamed.experiment = replace(renamed.experiment, optim=slower.experiment.optim)
+    assert renamed.run(monkeypatch)
+
+
 def test_an_interrupt_right_after_a_resume_saves_nothing_twice(tmp_path, monkeypatch):
     whole = Adding(tmp_path / "whole").run(monkeypatch)
     for _ in range(3):

@@ -26,7 +26,8 @@ from jaxsim.progress import Progress
 
 RECORD = "log.json"
 LEAST_TURN = 0.5
-"""A turn that fills fewer of the grid's columns was begun or ended within the recording."""
+"""A turn that fills fewer of the grid's columns is not written."""
+PARTIAL = "they fill less than half of the columns, as they begin or end within the recording, or lost points"
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Written:
     frames: int
     already: int
     partial: int
-    """Turns that were begun or ended within the recording, and were passed over."""
+    """Turns that were begun or ended within the recording, or lost their points, and were passed over."""
     rows: int
     columns: int
     filled: float
@@ -52,7 +53,7 @@ class Written:
         if self.already:
             lines.append(f"  {self.already} were there")
         if self.partial:
-            lines.append(f"  {self.partial} turns that begin or end within the recording were passed over")
+            lines.append(f"  {self.partial} turns were passed over: {PARTIAL}")
         sensor = self.sensor
         if sensor is not None:
             top, bottom = np.rad2deg(sensor.beams.elevation_rad[[0, -1]])
@@ -108,7 +109,7 @@ def write_log(
             filled += float(np.asarray(sweep.image.valid).mean())
     if not written + already:
         raise ValueError(
-            f"{kind}: no whole turn in {path}; {partial} were begun or ended within the recording"
+            f"{kind}: no whole turn in {path}; {partial} were passed over: {PARTIAL}"
             if partial
             else f"{kind}: {path} holds no scan"
         )
