@@ -72,6 +72,12 @@ class KittiOdometry:
         sequence, number = self._frames[index]
         return f"sequence_{sequence}-{number}"
 
+    def files_of(self, index: int) -> list[Path]:
+        """All that the frame is read from, with its sequence's calibration and times."""
+        sequence, _ = self._frames[index]
+        scan, image = self._path(index, "velodyne", ".bin"), self._path(index, "image_2", ".png")
+        return [scan, image, labels_of(scan), *(self._folder / sequence / name for name in ("calib.txt", "times.txt"))]
+
     @property
     def splits(self) -> dict[str, list[int]]:
         """Positions by sequence (`sequence_00`); of frames with labels (`labelled`), and of these SemanticKITTI's own

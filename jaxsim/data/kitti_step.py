@@ -102,6 +102,13 @@ class KittiStep:
         """The sequence and the frame's number in it."""
         return "-".join(self._frames[index])
 
+    def files_of(self, index: int) -> list[Path]:
+        """All that the frame is read from, with its sequence's calibration and labels."""
+        sequence, number = self._frames[index]
+        files = [self._path("velodyne", index, ".bin"), self._path("image_02", index, ".png")]
+        files += [self._folder / name / f"{sequence}.txt" for name in ("calib", "label_02")]
+        return files if self._maps is None else [*files, self._maps[sequence] / f"{number}.png"]
+
     def _path(self, kind: str, index: int, suffix: str) -> Path:
         sequence, number = self._frames[index]
         return self._folder / kind / sequence / f"{number}{suffix}"

@@ -50,6 +50,7 @@ _RASTERS = {
     "instances": ("instanceSegmentation", "instancegt", ".png"),
 }
 """Folder, beginning of the file's name and its end."""
+_TEXTS = ("colors.txt", "intrinsic.txt", "extrinsic.txt", "info.txt", "bbox.txt", "pose.txt")
 
 
 class VirtualKitti2:
@@ -122,6 +123,11 @@ class VirtualKitti2:
         """The sequence, its variation, the camera and the frame's number."""
         drive, number = self._frames[index]
         return f"{drive.parent.name}-{drive.name}-Camera_{self.camera}-{number:05d}"
+
+    def files_of(self, index: int) -> list[Path]:
+        """All that the frame is read from, with the text files of its scene and variation."""
+        drive, number = self._frames[index]
+        return [*(self._raster(drive, kind, number) for kind in _RASTERS), *(drive / name for name in _TEXTS)]
 
     @property
     def splits(self) -> dict[str, list[int]]:
