@@ -19,7 +19,7 @@ from jaxsim.files.claims import claim, claim_settings, differences
 from jaxsim.files.code import loaded, making, need
 from jaxsim.files.images import check_image_file, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
-from jaxsim.files.stamps import files_of, stamp, stamp_of
+from jaxsim.files.stamps import CHANGED, files_of, stamp, stamp_of, tell_anew, why_anew
 from jaxsim.files.texts import (
     check_keys,
     numbers,
@@ -35,6 +35,7 @@ from jaxsim.files.texts import (
 from jaxsim.files.whole import check_name, check_size, file_of, files_in, replacing, tidy, write_text
 
 __all__ = [
+    "CHANGED",
     "array_names",
     "check_image_file",
     "check_keys",
@@ -67,8 +68,10 @@ __all__ = [
     "replacing",
     "stamp",
     "stamp_of",
+    "tell_anew",
     "tidy",
     "unlock",
+    "why_anew",
     "working_in",
     "write_arrays",
     "write_image",

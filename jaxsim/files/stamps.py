@@ -7,9 +7,15 @@ theirs can change.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+import logging
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+
+_log = logging.getLogger(__name__)
+
+CHANGED = "what it was made of has changed since"
+"""Why a frame is made anew whose files have another stamp than it was made with."""
 
 
 def files_of(dataset: Any, position: int) -> list[Path]:
@@ -36,3 +42,17 @@ def stamp(files: Iterable[Path], more: str = "") -> str:
 def stamp_of(dataset: Any, position: int, more: str = "") -> str:
     """The stamp of a frame's files: what was made of the frame is as good as new while it stays the same."""
     return stamp(files_of(dataset, position), more)
+
+
+def why_anew(was: str, now: str) -> str:
+    """Why what was made of files of one stamp is made anew of files of another, in words; empty where it may stay, as
+    what says nothing of its files does."""
+    return CHANGED if was and now and was != now else ""
+
+
+def tell_anew(anew: Mapping[str, str], *, by: str) -> None:
+    """Says of which frames what is there will be made anew, and why: the reasons by the frames' names."""
+    for why in sorted({*anew.values()}):
+        names = [name for name, one in anew.items() if one == why]
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        _log.warning(f"{by}: {names[0]}{more} made anew: {why}")
