@@ -34,6 +34,7 @@ from jaxsim.data.vkitti2_files import (
     read_intrinsics,
     read_objects,
 )
+from jaxsim.files import stamp
 from jaxsim.frame import Camera, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec, camera_at_lidar, preset
 
@@ -85,7 +86,7 @@ class VirtualKitti2:
         strange = [name for name in variations if name not in VARIATIONS]
         if strange or not variations:
             raise ValueError(f"vkitti2: no variation {strange[0] if strange else ''!r}; known: {', '.join(VARIATIONS)}")
-        self._read: dict[Path, _Texts] = {}
+        self._read: dict[Path, tuple[str, _Texts]] = {}
         drives = [_child(scene, name) for scene in _scenes(self.root, scenes) for name in variations]
         self._frames = [(drive, number) for drive in drives for number in self._numbers(drive)]
 
@@ -143,9 +144,10 @@ class VirtualKitti2:
         return self._texts(drive).objects.get((number, self.camera), [])
 
     def _texts(self, drive: Path) -> _Texts:
-        if drive not in self._read:
-            self._read[drive] = _read_texts(drive)
-        return self._read[drive]
+        of = stamp([drive / name for name in _TEXTS])  # a data set may outlive a change, on a worker of a cluster
+        if drive not in self._read or self._read[drive][0] != of:
+            self._read[drive] = of, _read_texts(drive)
+        return self._read[drive][1]
 
     def _camera(self, drive: Path, number: int) -> Camera:
         texts, frame = self._texts(drive), (number, self.camera)

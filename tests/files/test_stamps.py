@@ -87,3 +87,24 @@ def test_what_opens_a_frame_is_among_its_files(kind, request):
         before = stamp_of(dataset, position)
         os.utime(file, ns=(1, 1))
         assert stamp_of(dataset, position) != before
+
+
+def test_a_data_set_that_is_open_reads_a_changed_text_anew(virtual_root, step_root, odometry_root):
+    """Workers of a cluster keep a data set open from one command to the next."""
+    virtual = open_dataset(DataConfig(kind="vkitti2", root=virtual_root, scenes=("Scene01",)))
+    path = virtual_root / "Scene01/clone/intrinsic.txt"
+    focal = float(virtual[0].camera.camera.intrinsics[0, 0])
+    header, *lines = path.read_text().splitlines()
+    rows = [[*line.split()[:2], "500.5", "500.5", *line.split()[4:]] for line in lines]
+    path.write_text("\n".join([header, *(" ".join(row) for row in rows)]) + "\n")
+    assert (focal != 500.5, float(virtual[0].camera.camera.intrinsics[0, 0])) == (True, 500.5)
+
+    step = open_dataset(DataConfig(kind="kitti_step", root=step_root, scenes=("0000",)))
+    assert len(step[0].boxes.kind)
+    (step_root / "training/label_02/0000.txt").write_text("")
+    assert not len(step[0].boxes.kind)
+
+    odometry = open_dataset(DataConfig(kind="kitti_odometry", root=odometry_root))
+    assert odometry[1].time_s == pytest.approx(0.1039)
+    (odometry_root / "sequences/00/times.txt").write_text("0.0\n0.25\n")
+    assert odometry[1].time_s == 0.25
