@@ -213,7 +213,9 @@ def simulate_folder(
     announced = Announced(out / "polar", grid, order=names)
     there = {name for name in names if _is_done(out, name, maker.formats, announced=announced)}
     sources = {name: stamp_of(dataset, position) for name, position in zip(names, positions, strict=True)}
-    anew = {name: why for name in names if name in there and (why := _anew(out, name, maker.formats, sources[name]))}
+    anew = {
+        name: why for name in names if name in there and (why := _anew(out, name, maker.formats, source=sources[name]))
+    }
     tell_anew(anew, by="simulate")
     done = there - {*anew}
     missing = [position for position, name in zip(positions, names, strict=True) if name not in done]
@@ -257,7 +259,7 @@ def _is_done(out: Path, name: str, formats: Sequence[str], *, announced: Announc
     return name in announced.frames and all(path.is_file() for path in _files(out, name, formats))
 
 
-def _anew(out: Path, name: str, formats: Sequence[str], source: str) -> str:
+def _anew(out: Path, name: str, formats: Sequence[str], *, source: str) -> str:
     """Why a frame that is there is to be made anew, in words; empty where it may stay."""
     if "bin" in formats and file_of(out / "clouds", name, ".bin", by="simulate").stat().st_size % 16:
         return "its cloud is cut off"
