@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from jaxsim.cloud.export import points_of, save_cloud
-from jaxsim.files import claim, files_in, parse_json, write_image, write_text
+from jaxsim.files import claim, files_in, parse_json, why_anew, write_image, write_text
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud
 from jaxsim.geometry.points import check_points
 
@@ -206,6 +206,15 @@ class TreeRecord:
         """Whether a frame is done: all its files are there, or it was left out."""
         about = self.frames.get(number)
         return about is not None and (bool(about["left_out"]) or all(path.is_file() for path in files_of(out, number)))
+
+    def anew(self, out: Path, number: str, source: str) -> str:
+        """Why a frame that is done is to be made anew, in words; empty where it may stay. Its cloud is no whole number
+        of points, or `source`, the stamp of what it is made of, is another than its entry has."""
+        about = self.frames[number]
+        cloud, *_ = files_of(out, number)
+        if not about["left_out"] and (cloud.stat().st_size % 16 or not cloud.stat().st_size):
+            return "its cloud is cut off"
+        return why_anew(str(about.get("source", "")), source)
 
     def save(self, out: Path) -> None:
         """Writes OUT/export.json."""

@@ -58,7 +58,8 @@ __all__ = [
 class Dataset(Protocol):
     """Frames by number, and the sensor that measured them.
 
-    One may also have `splits`, positions by the name of a part: `select("training", dataset)` takes it.
+    One may also have `splits`, positions by the name of a part: `select("training", dataset)` takes it. One of files
+    has `files_of(i)`, those of a frame: what was made of it is made anew once they have changed.
     """
 
     name: str

@@ -88,6 +88,14 @@ class KittiRaw:
         drive, number = self._frames[index]
         return f"{drive.name}-{number}"
 
+    def files_of(self, index: int) -> list[Path]:
+        """All that the frame is read from, with the calibration of its date."""
+        drive, number = self._frames[index]
+        calibration = [drive.parent / name for name in ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt")]
+        image, motion = drive / "image_02" / "data" / f"{number}.png", drive / "oxts" / "data" / f"{number}.txt"
+        times = drive / "velodyne_points" / "timestamps.txt"
+        return [self._scan(index), image, motion, times, *calibration]
+
     @property
     def splits(self) -> dict[str, list[int]]:
         """Positions by drive: `drive_0009`, or by its whole name, `2011_09_26_drive_0009`, where two dates have it."""
@@ -147,6 +155,13 @@ class KittiObject:
         """The frame's number in the files; of `testing`, which counts from 0 again, after that word."""
         scan = self._frames[index]
         return scan.stem if scan.parent.parent.name == "training" else f"testing-{scan.stem}"
+
+    def files_of(self, index: int) -> list[Path]:
+        """All that the frame is read from."""
+        scan = self._frames[index]
+        folder, number = scan.parent.parent, scan.stem
+        texts = [folder / name / f"{number}.txt" for name in ("calib", "label_2", "planes")]
+        return [scan, folder / "image_2" / f"{number}.png", *texts]
 
     @property
     def splits(self) -> dict[str, list[int]]:

@@ -20,7 +20,7 @@ from jaxsim.data.clouds import check_rows, compensated_spec, read_scan
 from jaxsim.data.kitti_files import listing, odometry_camera, read_image
 from jaxsim.data.point_classes import classes_in_image
 from jaxsim.data.semantic_kitti import TRAINING, VALIDATION, labels_of, read_point_labels
-from jaxsim.files import files_in, numbers, read_text
+from jaxsim.files import files_in, numbers, read_text, stamp
 from jaxsim.frame import CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -40,7 +40,7 @@ class KittiOdometry:
         self._folder = _sequences_folder(self.root)
         self.sequences = _present(self._folder, sequences)
         self._frames = [(name, scan.stem) for name in self.sequences for scan in _scans(self._folder / name)]
-        self._times: dict[str, list[float]] = {}
+        self._times: dict[str, tuple[str, list[float]]] = {}
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -72,6 +72,12 @@ class KittiOdometry:
         sequence, number = self._frames[index]
         return f"sequence_{sequence}-{number}"
 
+    def files_of(self, index: int) -> list[Path]:
+        """All that the frame is read from, with its sequence's calibration and times."""
+        sequence, _ = self._frames[index]
+        scan, image = self._path(index, "velodyne", ".bin"), self._path(index, "image_2", ".png")
+        return [scan, image, labels_of(scan), *(self._folder / sequence / name for name in ("calib.txt", "times.txt"))]
+
     @property
     def splits(self) -> dict[str, list[int]]:
         """Positions by sequence (`sequence_00`); of frames with labels (`labelled`), and of these SemanticKITTI's own
@@ -101,10 +107,11 @@ class KittiOdometry:
 
     def _time(self, sequence: str, number: int) -> float | None:
         path = self._folder / sequence / "times.txt"
-        if sequence not in self._times:
+        of = stamp([path])  # a data set may outlive a change, on a worker of a cluster
+        if self._times.get(sequence, ("", []))[0] != of:
             words = read_text(path, by="kitti").split() if path.is_file() else []
-            self._times[sequence] = numbers(words, where=f"kitti: {path}")
-        times = self._times[sequence]
+            self._times[sequence] = of, numbers(words, where=f"kitti: {path}")
+        times = self._times[sequence][1]
         if times and number >= len(times):
             raise ValueError(f"kitti: {path} has {len(times)} lines, none for scan {number}; copy it again")
         return times[number] if times else None

@@ -27,7 +27,7 @@ from jaxsim.data.kitti_files import (
     tracking_camera,
     tracking_rect_from_velo,
 )
-from jaxsim.files import files_in, placed, read_pixels
+from jaxsim.files import files_in, placed, read_pixels, stamp
 from jaxsim.frame import Boxes, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -60,7 +60,7 @@ class KittiStep:
         self._folder = _training_folder(self.root)
         self._maps = _map_folders(self.root) if panoptic else None
         self.sequences = _present(self._folder, sequences)
-        self._labels: dict[str, dict[int, Boxes]] = {}
+        self._labels: dict[str, tuple[str, dict[int, Boxes]]] = {}
         self._frames = [(s, n) for s in self.sequences for n in self._numbers(s)]
 
     def __len__(self) -> int:
@@ -102,6 +102,13 @@ class KittiStep:
         """The sequence and the frame's number in it."""
         return "-".join(self._frames[index])
 
+    def files_of(self, index: int) -> list[Path]:
+        """All that the frame is read from, with its sequence's calibration and labels."""
+        sequence, number = self._frames[index]
+        files = [self._path("velodyne", index, ".bin"), self._path("image_02", index, ".png")]
+        files += [self._folder / name / f"{sequence}.txt" for name in ("calib", "label_02")]
+        return files if self._maps is None else [*files, self._maps[sequence] / f"{number}.png"]
+
     def _path(self, kind: str, index: int, suffix: str) -> Path:
         sequence, number = self._frames[index]
         return self._folder / kind / sequence / f"{number}{suffix}"
@@ -110,9 +117,10 @@ class KittiStep:
         path = self._folder / "label_02" / f"{sequence}.txt"
         if not path.parent.is_dir():
             return None
-        if sequence not in self._labels:
-            self._labels[sequence] = read_tracking_labels(path)
-        return self._labels[sequence].get(number, NO_BOXES)
+        of = stamp([path])  # a data set may outlive a change, on a worker of a cluster
+        if self._labels.get(sequence, ("", {}))[0] != of:
+            self._labels[sequence] = of, read_tracking_labels(path)
+        return self._labels[sequence][1].get(number, NO_BOXES)
 
     def _numbers(self, sequence: str) -> list[str]:
         """Frame numbers of a sequence. Raises ValueError where a scan or a panoptic map is missing."""

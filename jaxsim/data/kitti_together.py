@@ -51,6 +51,11 @@ class KittiTogether:
         part, local = self._place(index)
         return part.name_of(local)
 
+    def files_of(self, index: int) -> list[Path]:
+        """All that the frame is read from in its part."""
+        part, local = self._place(index)
+        return part.files_of(local)
+
     @property
     def splits(self) -> dict[str, list[int]]:
         """Positions by part (`raw`, `object`, `odometry`), and the parts' own names where one part alone has them:

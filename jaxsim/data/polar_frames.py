@@ -17,7 +17,17 @@ from typing import Any
 import numpy as np
 
 from jaxsim.data.polar_checks import SEE, SHAPES, angles_of, beam_origins, check_about, check_arrays
-from jaxsim.files import array_names, check_keys, file_of, files_in, read_arrays, read_json, replacing, write_text
+from jaxsim.files import (
+    array_names,
+    check_keys,
+    file_of,
+    files_in,
+    read_arrays,
+    read_json,
+    replacing,
+    why_anew,
+    write_text,
+)
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import same_grid
 
@@ -72,7 +82,8 @@ def frame_names(folder: Path | str) -> list[str]:
 
 
 def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -> Path:
-    """Writes one frame; `more` are further rasters by the names of the format (semantic, instance, rgb, ...)."""
+    """Writes one frame; `more` are further rasters by the names of the format (semantic, instance, rgb, ...), and
+    `source` a text, the stamp of what it is made of (`frame_anew`)."""
     valid = np.asarray(image.valid)
     arrays = {
         "range": np.where(valid, np.asarray(image.range_m), 0).astype(np.float32),
@@ -83,6 +94,16 @@ def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -
     with replacing(target) as path:
         np.savez_compressed(path, **arrays)
     return target
+
+
+def frame_anew(folder: Path | str, name: str, source: str) -> str:
+    """Why a frame that is there is to be made anew, in words: its file is no archive, as one that is cut off, or
+    `source`, the stamp of what it is made of, is not the one that it was written with. Empty where it may stay."""
+    try:
+        held = read_arrays(file_of(folder, name, ".npz", by="polar frames"), ("source",), by="polar frames")
+    except ValueError:
+        return "its file is cut off or damaged"
+    return why_anew(str(held.get("source", "")), source)
 
 
 def read_frame(folder: Path | str, name: str) -> tuple[PolarImage, dict[str, np.ndarray]]:

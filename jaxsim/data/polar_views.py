@@ -85,6 +85,11 @@ class PolarViews:
         name, direction = self._place(index)
         return f"{name}-{direction:03d}"
 
+    def files_of(self, index: int) -> list[Path]:
+        """The polar frame's file. grid.json, which grows as frames are added, is in the sensor's table."""
+        name, _ = self._place(index)
+        return [self.frames.folder / f"{name}.npz"]
+
     def _place(self, index: int) -> tuple[str, int]:
         frame, direction = divmod(index, len(DIRECTIONS_DEG))
         return self.frames.names[frame], DIRECTIONS_DEG[direction]

@@ -125,7 +125,10 @@ class PreparedSet:
         split, i = self._place[position]
         about = self.about.splits[split]
         name = about.names[i]
-        return Entry(name, about.scenes[i], about.windows[i], f"{self.about.fingerprint}/{name}")
+        key = f"{self.about.fingerprint}/{name}"
+        if about.sources and about.sources[i]:  # of files that have changed it is another pair
+            key += f".{about.sources[i]}"
+        return Entry(name, about.scenes[i], about.windows[i], key)
 
     def _read(self, split: str, i: int) -> PairRecord:
         about = self.about.splits[split]

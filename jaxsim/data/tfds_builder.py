@@ -50,6 +50,8 @@ class SplitPairs:
     scenes: tuple[str, ...]
     windows: tuple[tuple[int, int], ...]
     """Laser lines and columns."""
+    sources: tuple[str, ...] = ()
+    """Stamps of what the pairs were made of; none in older sets. Only `jaxsim prepare` compares them with the files."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,7 @@ def check_metadata(about: About) -> None:
         counts = {
             len(column) for column in (split_info.positions, split_info.names, split_info.scenes, split_info.windows)
         }
+        counts |= {len(split_info.sources)} if split_info.sources else set()
         if len(counts) > 1:
             raise ValueError(f"the lists of {split} differ in length")
         if not all(0 <= position < about.length for position in split_info.positions):

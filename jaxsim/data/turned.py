@@ -9,10 +9,12 @@ all that is prepared, stay as they are, but for the image, which nobody took.
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from jaxsim.data import Dataset
+from jaxsim.files import files_of
 from jaxsim.frame import CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec, turned_points
 
@@ -56,6 +58,10 @@ class Turned:
         """The frame's name, and by how many degrees it is turned."""
         name, degrees = self.of.name_of(index % len(self.of)), self._degrees(index)
         return f"{name}-turned-{degrees:03d}" if degrees else name
+
+    def files_of(self, index: int) -> list[Path]:
+        """The files of the frame that is turned."""
+        return files_of(self.of, index % len(self.of))
 
     def sides(self, positions: list[int]) -> list[int]:
         """Positions of all sides of the frames at `positions`."""

@@ -34,6 +34,7 @@ from jaxsim.data.vkitti2_files import (
     read_intrinsics,
     read_objects,
 )
+from jaxsim.files import stamp
 from jaxsim.frame import Camera, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec, camera_at_lidar, preset
 
@@ -50,6 +51,7 @@ _RASTERS = {
     "instances": ("instanceSegmentation", "instancegt", ".png"),
 }
 """Folder, beginning of the file's name and its end."""
+_TEXTS = ("colors.txt", "intrinsic.txt", "extrinsic.txt", "info.txt", "bbox.txt", "pose.txt")
 
 
 class VirtualKitti2:
@@ -84,7 +86,7 @@ class VirtualKitti2:
         strange = [name for name in variations if name not in VARIATIONS]
         if strange or not variations:
             raise ValueError(f"vkitti2: no variation {strange[0] if strange else ''!r}; known: {', '.join(VARIATIONS)}")
-        self._read: dict[Path, _Texts] = {}
+        self._read: dict[Path, tuple[str, _Texts]] = {}
         drives = [_child(scene, name) for scene in _scenes(self.root, scenes) for name in variations]
         self._frames = [(drive, number) for drive in drives for number in self._numbers(drive)]
 
@@ -123,6 +125,11 @@ class VirtualKitti2:
         drive, number = self._frames[index]
         return f"{drive.parent.name}-{drive.name}-Camera_{self.camera}-{number:05d}"
 
+    def files_of(self, index: int) -> list[Path]:
+        """All that the frame is read from, with the text files of its scene and variation."""
+        drive, number = self._frames[index]
+        return [*(self._raster(drive, kind, number) for kind in _RASTERS), *(drive / name for name in _TEXTS)]
+
     @property
     def splits(self) -> dict[str, list[int]]:
         """Positions by the name of a scene: `Scene18`."""
@@ -137,9 +144,10 @@ class VirtualKitti2:
         return self._texts(drive).objects.get((number, self.camera), [])
 
     def _texts(self, drive: Path) -> _Texts:
-        if drive not in self._read:
-            self._read[drive] = _read_texts(drive)
-        return self._read[drive]
+        of = stamp([drive / name for name in _TEXTS])  # a data set may outlive a change, on a worker of a cluster
+        if drive not in self._read or self._read[drive][0] != of:
+            self._read[drive] = of, _read_texts(drive)
+        return self._read[drive][1]
 
     def _camera(self, drive: Path, number: int) -> Camera:
         texts, frame = self._texts(drive), (number, self.camera)

@@ -3,6 +3,7 @@
     whole.py    writing, listing and naming files; what a killed process left half written
     locks.py    keeping a folder for one process
     claims.py   keeping results of other settings out of a folder
+    stamps.py   which files a frame is read from, and whether they have changed
     texts.py    text, numbers and JSON; the place of an error that does not know it
     arrays.py   .npz files, with the SHA-256 of what they hold
     images.py   PNG and JPEG
@@ -18,6 +19,7 @@ from jaxsim.files.claims import claim, claim_settings, differences
 from jaxsim.files.code import loaded, making, need
 from jaxsim.files.images import check_image_file, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
+from jaxsim.files.stamps import CHANGED, files_of, stamp, stamp_of, tell_anew, why_anew
 from jaxsim.files.texts import (
     check_keys,
     numbers,
@@ -33,6 +35,7 @@ from jaxsim.files.texts import (
 from jaxsim.files.whole import check_name, check_size, file_of, files_in, replacing, tidy, write_text
 
 __all__ = [
+    "CHANGED",
     "array_names",
     "check_image_file",
     "check_keys",
@@ -45,6 +48,7 @@ __all__ = [
     "digest_of_values",
     "file_of",
     "files_in",
+    "files_of",
     "image_of",
     "loaded",
     "lock",
@@ -62,8 +66,12 @@ __all__ = [
     "read_text",
     "real",
     "replacing",
+    "stamp",
+    "stamp_of",
+    "tell_anew",
     "tidy",
     "unlock",
+    "why_anew",
     "working_in",
     "write_arrays",
     "write_image",

@@ -23,7 +23,7 @@ from jaxsim.data.records import (
     record_of,
 )
 from jaxsim.devices import wait
-from jaxsim.files import check_name, file_of, making, placed, read_arrays, write_arrays
+from jaxsim.files import check_name, file_of, making, placed, read_arrays, stamp_of, write_arrays
 from jaxsim.frame import Frame, Pair
 from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
@@ -42,6 +42,15 @@ def pairs_fingerprint(data: DataConfig, prepare: PrepareConfig) -> str:
 def pairs_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
     """The folder where pairs of these settings are kept."""
     return data.cache / pairs_fingerprint(data, prepare)
+
+
+def pair_stamps(dataset: Any, positions: Sequence[int], spec: LidarSpec | None = None) -> list[str]:
+    """Of each frame the stamp of all that its pair is made of: its files, and the sensor's beam table (`spec`; None: as
+    the data set fits it now, so that pairs of two tables never mix). Empty where the data set has no files."""
+    if not hasattr(dataset, "files_of"):
+        return [""] * len(positions)
+    table = repr(dataset.spec if spec is None and positions else spec)
+    return [stamp_of(dataset, position, table) for position in positions]
 
 
 def make_record(
@@ -103,8 +112,11 @@ def pairs_before(
 
 
 def _files(folder: Path, dataset: Any, positions: Sequence[int]) -> list[Path]:
-    """By name: a drive that is added to a data set moves the positions of all that come after it."""
-    return [file_of(folder, dataset.name_of(i), ".npz", by="prepared") for i in positions]
+    """By name: a drive that is added to a data set moves the positions of all that come after it. By their sources,
+    too: a pair of files that have changed since is no longer theirs."""
+    suffixes = [f".{stamp}.npz" if stamp else ".npz" for stamp in pair_stamps(dataset, positions)]
+    names = map(dataset.name_of, positions)
+    return [file_of(folder, name, suffix, by="prepared") for name, suffix in zip(names, suffixes, strict=True)]
 
 
 def _make(dataset: Any, positions: Sequence[int], folder: Path, *, kind: str, prepare: PrepareConfig) -> None:

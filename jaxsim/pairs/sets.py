@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 from collections.abc import Sequence
@@ -16,10 +17,12 @@ from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.records import pair_settings
 from jaxsim.data.tfds_builder import MAKING, NAME, VERSION, About, JaxsimPairs, Shard, SplitPairs, shards_of
 from jaxsim.files import claim, parse_json, parse_settings, tidy, working_in
-from jaxsim.pairs.prepared import pairs_fingerprint
+from jaxsim.pairs.prepared import pair_stamps, pairs_fingerprint
 from jaxsim.pairs.shards import PairJob, make_all, make_by_beam, make_on_cluster, read_note, write_shard
 from jaxsim.prepare import check_frame, check_networks
 from jaxsim.progress import Progress
+
+_log = logging.getLogger(__name__)
 
 
 def make_set(
@@ -60,6 +63,7 @@ def make_set(
     with working_in(out):
         if finished.is_file():
             _check_finished(folder, data, prepare, splits=splits)
+            _check_sources(folder, dataset)
             _tidy(folder)
         else:
             job = PairJob(data, prepare, dataset.spec, scan=firsts[0].cloud is not None)
@@ -84,9 +88,13 @@ def _make(
     making = folder.with_name(folder.name + MAKING)
     _claim_plan(making, job, splits, size=size)
 
-    # Files: those that an earlier command made stay as they are.
+    # Files: those that an earlier command made stay as they are, unless what they were made of has changed since.
     shards = shards_of(splits, size)
-    missing = [shard for shard in shards if read_note(shard, making) is None]
+    notes = {shard: read_note(shard, making) for shard in shards}
+    stale = [s for s, note in notes.items() if note and note["sources"] != pair_stamps(dataset, s.positions, job.spec)]
+    if stale:
+        _log.info(f"prepare: files of {job.data.kind} have changed since, so {len(stale)} files of pairs are made anew")
+    missing = [shard for shard, note in notes.items() if note is None or shard in stale]
     positions = [position for shard in missing for position in shard.positions]
     total = sum(map(len, splits.values()))
     with Progress(total=total, initial=total - len(positions), desc=f"preparing {job.data.kind}", unit="pair") as bar:
@@ -153,6 +161,23 @@ def _check_finished(folder: Path, data: DataConfig, prepare: PrepareConfig, *, s
     claim(folder / "metadata.json", {**pair_settings(data, prepare), **splits}, by="prepare", read=read)
 
 
+def _check_sources(folder: Path, dataset: Dataset) -> None:
+    """Raises ValueError where a finished set is of files that have changed since. One that says nothing of them is
+    taken as it is."""
+    about = parse_settings(About, parse_json((folder / "metadata.json").read_bytes()))
+    for split in about.splits.values():
+        if not split.sources:
+            continue
+        stamps = pair_stamps(dataset, split.positions)
+        both = zip(split.names, split.sources, stamps, strict=True)
+        if changed := [name for name, was, now in both if was != now]:
+            raise ValueError(
+                f"prepare: {folder} holds pairs of {len(changed)} frames whose files have changed since (the first: "
+                f"{changed[0]}; a scan, an image, labels, the calibration, or the scan that tells the beam table); "
+                "delete the folder, and the same command makes them anew, or give another --out"
+            )
+
+
 def _flat(plan: dict[str, Any]) -> dict[str, Any]:
     """A plan with its splits by the names of their flags."""
     return {name: value for name, value in plan.items() if name != "splits"} | plan["splits"]
@@ -173,6 +198,7 @@ def _about(dataset: Dataset, job: PairJob, shards: Sequence[Shard], *, making: P
             names=tuple(value for note in of_split.values() for value in note["names"]),
             scenes=tuple(value for note in of_split.values() for value in note["scenes"]),
             windows=tuple((rows, columns) for note in of_split.values() for rows, columns in note["windows"]),
+            sources=tuple(value for note in of_split.values() for value in note["sources"]),
         )
     return About(
         jaxsim=version("jaxsim-lidar"),

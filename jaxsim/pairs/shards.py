@@ -34,7 +34,7 @@ from jaxsim.data.tfds_builder import Shard, serialized, write_records
 from jaxsim.files import read_json, write_text
 from jaxsim.geometry import LidarSpec
 from jaxsim.interrupts import apart, unheard_by_children, uninterrupted
-from jaxsim.pairs.prepared import make_record
+from jaxsim.pairs.prepared import make_record, pair_stamps
 from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
 
@@ -68,6 +68,8 @@ class MadePair:
     scene: str
     window: tuple[int, int]
     labelled: bool
+    source: str = ""
+    """The stamp of what it was made of."""
 
 
 @lru_cache(maxsize=1)
@@ -77,11 +79,15 @@ def _dataset(data: DataConfig) -> Dataset:
 
 def make(job: PairJob, position: int) -> MadePair:
     """The pair at one position. Raises ValueError where the frame lacks what the job asks for."""
-    frame = _dataset(job.data)[position]
+    dataset = _dataset(job.data)
+    (source,) = pair_stamps(
+        dataset, [position], job.spec
+    )  # before it is read: a change meanwhile is seen the next time
+    frame = dataset[position]
     record = make_record(frame, position, job.spec, prepare=job.prepare, scan=job.scan)
     rows, columns = record.pair.target.shape
     labelled = frame.camera.semantic is not None
-    return MadePair(serialized(example_of(record)), record.name, record.scene, (rows, columns), labelled)
+    return MadePair(serialized(example_of(record)), record.name, record.scene, (rows, columns), labelled, source)
 
 
 def _note_of(shard: Shard, folder: Path) -> Path:
@@ -108,7 +114,7 @@ def _is_note(about: Any, count: int) -> bool:
     """Whether a JSON value is what `write_shard` notes of so many pairs."""
     if not isinstance(about, dict) or type(about.get("bytes")) is not int:
         return False
-    for name, kind in {"names": str, "scenes": str, "windows": list, "labelled": bool}.items():
+    for name, kind in {"names": str, "scenes": str, "windows": list, "labelled": bool, "sources": str}.items():
         column = about.get(name)
         if not isinstance(column, list) or len(column) != count or not all(isinstance(one, kind) for one in column):
             return False
@@ -118,11 +124,11 @@ def _is_note(about: Any, count: int) -> bool:
 
 def write_shard(shard: Shard, folder: Path, made: Iterable[MadePair], *, bar: Progress | None = None) -> None:
     """Writes the file of these pairs, then its note; tells `bar` of each pair."""
-    about: dict[str, list[Any]] = {"names": [], "scenes": [], "windows": [], "labelled": []}
+    about: dict[str, list[Any]] = {"names": [], "scenes": [], "windows": [], "labelled": [], "sources": []}
 
     def records() -> Iterator[bytes]:
         for pair in made:
-            values = (pair.name, pair.scene, pair.window, pair.labelled)
+            values = (pair.name, pair.scene, pair.window, pair.labelled, pair.source)
             for column, value in zip(about.values(), values, strict=True):
                 column.append(value)
             yield pair.record

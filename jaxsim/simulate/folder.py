@@ -22,9 +22,9 @@ import jax
 from jaxsim.cloud import save_cloud
 from jaxsim.config import DataConfig
 from jaxsim.data import Dataset
-from jaxsim.data.polar_frames import Announced, about_frame, write_frame
+from jaxsim.data.polar_frames import Announced, about_frame, frame_anew, write_frame
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import claim, file_of, files_in
+from jaxsim.files import claim, file_of, files_in, stamp_of, tell_anew
 from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.prefetch import prefetch
@@ -94,6 +94,8 @@ class FrameBatch(NamedTuple):
     """Which of these places have pictures drawn of their frames."""
     first_s: float
     """Time of the data set's first frame, which effects that drift count from."""
+    sources: tuple[str, ...] = ()
+    """Stamps of the files that the frames are read from, none of frames that have no files."""
 
 
 class MadeBatch(NamedTuple):
@@ -167,7 +169,8 @@ class FrameMaker:
                 save_cloud(path, cloud)
             if self.draw and position in chosen.drawn:
                 self.draw(frame.name, cloud, image=image, painted=under)
-            write_frame(self.out / "polar", frame.name, image, **rasters(under, grid))
+            source = {"source": chosen.sources[k]} if chosen.sources and chosen.sources[k] else {}
+            write_frame(self.out / "polar", frame.name, image, **rasters(under, grid), **source)
         return MadeBatch({frame.name: about_frame(frame.scene, **motion_of(frame)) for frame in frames}, seconds)
 
 
@@ -182,7 +185,8 @@ def simulate_folder(
     previews: int = 0,
     spread: SpreadBatches | None = None,
 ) -> Speed:
-    """Simulates the frames at these positions of the maker's data set; those that are there are not made again.
+    """Simulates the frames at these positions of the maker's data set; those that are there are not made again, unless
+    their files are cut off or the data set's have changed since.
 
     `data` says in words what the frames are of. Pictures are drawn of the first `previews`. `spread` has batches made
     elsewhere, by the same maker, and gives what became of each as it is done. Raises ValueError where `out` holds
@@ -206,16 +210,23 @@ def simulate_folder(
     )
     names = [dataset.name_of(position) for position in positions]
     announced = Announced(out / "polar", grid, order=names)
-    done = {name for name in names if _is_done(out, name, maker.formats, announced=announced)}
+    there = {name for name in names if _is_done(out, name, maker.formats, announced=announced)}
+    sources = {name: stamp_of(dataset, position) for name, position in zip(names, positions, strict=True)}
+    anew = {
+        name: why for name in names if name in there and (why := _anew(out, name, maker.formats, source=sources[name]))
+    }
+    tell_anew(anew, by="simulate")
+    done = there - {*anew}
     missing = [position for position, name in zip(positions, names, strict=True) if name not in done]
 
     # Batches.
     begun = time.monotonic()
     already = len(positions) - len(missing)
-    # The first frames that are there have their pictures already.
+    # The first frames that are there have their pictures already, but for those that are made anew.
     drawn = frozenset(missing[: max(previews - already, 0)])
+    drawn |= {position for position, name in zip(positions[:previews], names, strict=False) if name in anew}
     batches = [
-        FrameBatch(tuple(chosen), drawn & {*chosen}, first_s)
+        FrameBatch(tuple(chosen), drawn & {*chosen}, first_s, tuple(sources[dataset.name_of(k)] for k in chosen))
         for chosen in (missing[first : first + maker.batch] for first in range(0, len(missing), maker.batch))
     ]
     batches_s = []
@@ -245,6 +256,13 @@ def _overlapped(maker: FrameMaker, batches: Sequence[FrameBatch]) -> Iterator[Ma
 def _is_done(out: Path, name: str, formats: Sequence[str], *, announced: Announced) -> bool:
     """Whether a frame needs not be made: it is announced, and its files are there."""
     return name in announced.frames and all(path.is_file() for path in _files(out, name, formats))
+
+
+def _anew(out: Path, name: str, formats: Sequence[str], *, source: str) -> str:
+    """Why a frame that is there is to be made anew, in words; empty where it may stay."""
+    if "bin" in formats and file_of(out / "clouds", name, ".bin", by="simulate").stat().st_size % 16:
+        return "its cloud is cut off"
+    return frame_anew(out / "polar", name, source)
 
 
 def _files(out: Path, name: str, formats: Sequence[str]) -> list[Path]:

@@ -10,7 +10,7 @@ import hashlib
 import json
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -24,6 +24,7 @@ from jaxsim.cloud.kitti_tree import (
     REACH_M,
     TreeRecord,
     choose_boxes,
+    files_of,
     within_reach,
     write_image_sets,
     write_kitti_frame,
@@ -34,6 +35,7 @@ from jaxsim.data.seen import warn_of_scenes
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import boxes_of
 from jaxsim.effects.chain import SensorModel
+from jaxsim.files import stamp_of, tell_anew
 from jaxsim.frame import Boxes, Frame
 from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
@@ -161,16 +163,18 @@ def export_trees(
     """Writes trees that differ in how their clouds are made.
 
     All take their frames from `dataset`; `workers` frames are made at once, or `spread` has them made elsewhere, by a
-    TreeMaker of the same plans, and gives what became of each as it is done. Frames that are there are not made again.
+    TreeMaker of the same plans, and gives what became of each as it is done. Frames that are there are not made again,
+    unless they are cut off or their files have changed since.
     Prints what was written. Raises ValueError, before anything is written, for recipes and labels that cannot be and
     for folders of other trees.
     """
     records = [_begin(plan, dataset) for plan in plans]
+    everything = sorted({position for plan in plans for position in plan.positions})
+    sources = {position: stamp_of(dataset, position) for position in everything}
     missing: dict[int, list[int]] = {}
     for tree, (plan, record) in enumerate(zip(plans, records, strict=True)):
-        for position in plan.positions:
-            if not record.has(plan.out, _number(position)):
-                missing.setdefault(position, []).append(tree)
+        for position in _missing(plan, record, sources):
+            missing.setdefault(position, []).append(tree)
     # Read for its time alone, which only effects ask for.
     timed = any(plan.effects_model for plan in plans)
     first_s = begin_of(dataset) if timed else 0.0
@@ -182,12 +186,13 @@ def export_trees(
 
     save()  # before the first frame, so that whatever a killed command leaves behind is known to be its own
 
-    total = len({position for plan in plans for position in plan.positions})
+    total = len(everything)
     with Progress(total=total, initial=total - len(missing), unit="frame", desc="exporting") as bar:
         try:
             for made in spread(todo) if spread else _in_threads(TreeMaker(plans, dataset), todo, workers):
                 for tree, entry in made.entries.items():
-                    records[tree].frames[_number(made.position)] = entry
+                    source = {"source": sources[made.position]} if sources[made.position] else {}
+                    records[tree].frames[_number(made.position)] = entry | source
                 bar.update()
                 if bar.n % SAVE_EVERY == 0:
                     save()
@@ -195,6 +200,19 @@ def export_trees(
             save()
     for plan, record in zip(plans, records, strict=True):
         _finish(plan, record)
+
+
+def _missing(plan: TreePlan, record: TreeRecord, sources: Mapping[int, str]) -> list[int]:
+    """Positions of the frames that a tree lacks, or holds cut off or of files that have changed since: what is there of
+    these is removed, so that nothing is left of one that is left out now."""
+    there = {position for position in plan.positions if record.has(plan.out, _number(position))}
+    reasons = {_number(position): record.anew(plan.out, _number(position), sources[position]) for position in there}
+    anew = {number: why for number, why in sorted(reasons.items()) if why}
+    tell_anew(anew, by="export")
+    for number in anew:
+        for path in files_of(plan.out, number):
+            path.unlink(missing_ok=True)
+    return [position for position in plan.positions if position not in there or _number(position) in anew]
 
 
 def _in_threads(maker: TreeMaker, todo: Sequence[Todo], workers: int) -> Iterator[MadeFrame]:

@@ -72,3 +72,32 @@ def test_an_ablation_draws_frames_that_no_lidar_measured(step_run, virtual):
     inputs, predicted = picture[:, :744], picture[:200, 748:]
     assert inputs.std() > 20
     assert predicted.std() > 5
+
+
+def test_a_frame_of_changed_files_or_cut_off_is_made_anew_and_no_other(step_run, virtual_root, tmp_path, caplog):
+    names = [f"Scene01-clone-Camera_0-0000{k}" for k in range(2)]
+
+    def simulated() -> list[tuple[int, bytes]]:
+        data = DataSource("vkitti2", root=virtual_root, scenes=("Scene01",))
+        Simulate(run=step_run, out=tmp_path, data=data, frames="0-1", batch=2, formats=("bin",), previews=0)()
+        files = [tmp_path / "polar" / f"{name}.npz" for name in names]
+        return [(file.stat().st_mtime_ns, file.read_bytes()) for file in files]
+
+    first = simulated()
+    assert simulated() == first
+    depths = [virtual_root / f"Scene01/clone/frames/depth/Camera_0/depth_0000{k}.png" for k in range(2)]
+    depths[0].write_bytes(depths[1].read_bytes())
+    second = simulated()
+    assert second[1] == first[1]
+    assert second[0][1] != first[0][1]
+    assert f"simulate: {names[0]} made anew: what it was made of has changed since" in caplog.text
+    cut = tmp_path / "polar" / f"{names[1]}.npz"
+    cut.write_bytes(cut.read_bytes()[:-1000])
+    third = simulated()
+    assert (third[0], third[1][1]) == (second[0], first[1][1])
+    assert f"simulate: {names[1]} made anew: its file is cut off or damaged" in caplog.text
+    cloud = tmp_path / "clouds" / f"{names[1]}.bin"
+    whole = cloud.read_bytes()
+    cloud.write_bytes(whole[:-4])
+    fourth = simulated()
+    assert (fourth[0], cloud.read_bytes()) == (third[0], whole)

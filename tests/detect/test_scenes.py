@@ -1,8 +1,10 @@
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from jaxsim.data import KittiObject
 from jaxsim.detect.batches import SceneBatches, in_box
 from jaxsim.detect.scenes import Scenes, cached_scenes, check_detectable, read_scene, scene_of_frame, write_scene
 from jaxsim.train.training import ahead
@@ -68,6 +70,26 @@ def test_a_frame_that_is_added_moves_no_scene_that_is_kept(tmp_path, kitti):
 
     kept = [cached_scenes(of, [1], "Car", in_image=True, cache=tmp_path, settings="a")[0] for of in (Later(), kitti)]
     assert [scene.name for scene in kept] == ["000002", "000001"]
+
+
+def test_a_scene_of_files_that_have_changed_is_made_anew_and_no_other(tmp_path, samples):
+    root = tmp_path / "object"
+    shutil.copytree(samples / "kitti_object" / "training", root / "training", copy_function=shutil.copy)
+
+    def kept():
+        return cached_scenes(
+            KittiObject(root), [0, 1], "Car", in_image=True, cache=tmp_path / "cache", settings="a"
+        ).files
+
+    before = kept()
+    assert kept() == before
+    label = root / "training" / "label_2" / "000001.txt"
+    label.write_text(
+        label.read_text() + "DontCare -1 -1 -10 503.89 169.71 590.61 190.13 -1 -1 -1 -1000 -1000 -1000 -10\n"
+    )
+    after = kept()
+    assert (after[0], after[1] != before[1]) == (before[0], True)
+    assert len(read_scene(after[1]).labels.kind) == len(read_scene(before[1]).labels.kind) + 1
 
 
 @pytest.mark.parametrize(

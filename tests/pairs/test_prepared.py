@@ -1,11 +1,14 @@
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
+from jaxsim.data.turned import Turned
 from jaxsim.pairs.prepared import pairs_folder, prepared
 
 PREPARE = PrepareConfig(inputs=("rgb", "depth"), columns=64)
@@ -59,7 +62,7 @@ def test_a_damaged_file_of_the_cache_is_named(samples, tmp_path):
     prepared(open_dataset(data), [0], data, prepare=plain)
     (file,) = pairs_folder(data, plain).iterdir()
     file.write_bytes(file.read_bytes()[:-500])
-    with pytest.raises(ValueError, match=r"-\d{10}\.npz is no readable .*; delete it"):
+    with pytest.raises(ValueError, match=r"-\d{10}\.[0-9a-f]{16}\.npz is no readable .*; delete it"):
         prepared(open_dataset(data), [0], data, prepare=plain)
 
 
@@ -97,3 +100,94 @@ def test_what_is_added_to_a_data_set_moves_no_pair_that_is_kept(tmp_path):
     assert more.keys[1:] == first.keys
     assert kept.stat().st_mtime_ns == stamp
     assert not np.array_equal(more[0].target, more[1].target)
+
+
+FAST = replace(PREPARE, depth="ip_basic_fast")
+
+
+@pytest.fixture
+def drives(raw_root, tmp_path) -> DataConfig:
+    """Three frames of one date, and a copy of one of them as another date's."""
+    folder = raw_root / "2011_09_28" / "2011_09_28_drive_0001_sync"
+    shutil.copytree(raw_root / "2011_09_26" / "2011_09_26_drive_0002_sync", folder)
+    for path in raw_root.glob("2011_09_26/*.txt"):
+        shutil.copy(path, folder.parent)
+    return DataConfig(kind="kitti_raw", root=raw_root, cache=tmp_path / "cache")
+
+
+def made(data: DataConfig, positions=(0, 1, 2, 3)):
+    """The pairs as a new command finds or makes them, and when each file was written."""
+    pairs = prepared(open_dataset(data), positions, data, prepare=FAST)
+    folder = pairs_folder(data, FAST)
+    return pairs, [(folder / f"{Path(key).name}.npz").stat().st_mtime_ns for key in pairs.keys]
+
+
+def change(path: Path, *words: str) -> None:
+    text = path.read_text()
+    assert words[0] in text
+    path.write_text(text.replace(*words))
+
+
+def test_a_mended_calibration_makes_its_frames_pairs_anew_and_no_others(drives):
+    """What is learned from the old projection is wrong, and nothing would say so."""
+    before, written = made(drives)
+    again, same = made(drives)
+    assert (again.keys, same) == (before.keys, written)
+    change(drives.root / "2011_09_28" / "calib_velo_to_cam.txt", "-0.2717806", "-0.9717806")
+    after, rewritten = made(drives)
+    assert (after.keys[:3], rewritten[:3]) == (before.keys[:3], written[:3])
+    assert (after.names, rewritten[3] > written[3]) == (before.names, True)
+    assert after.keys[3] != before.keys[3]  # statistics of the old pairs are not the new ones' either
+    assert not np.array_equal(after[3].painted.depth_m, before[3].painted.depth_m)
+    assert after.record(3).camera.cam_from_velo[2, 3] == pytest.approx(-0.97, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["velodyne_points", "image_02"])
+def test_a_mended_scan_or_image_makes_its_own_pair_anew_and_no_other(drives, kind):
+    before, written = made(drives)
+    (file,) = (drives.root / "2011_09_26" / "2011_09_26_drive_0002_sync" / kind / "data").iterdir()
+    if kind == "image_02":
+        shutil.copy(file, file.with_suffix(".old"))
+        cv2.imwrite(str(file), 255 - cv2.imread(str(file)))
+    else:
+        points = np.fromfile(file, "<f4").reshape(-1, 4)
+        points[:, 3] = 0.75  # of the same size
+        points.tofile(file)
+    after, rewritten = made(drives)
+    kept = [0, 1, 3]
+    assert [after.keys[i] for i in kept] == [before.keys[i] for i in kept]
+    assert [rewritten[i] for i in kept] == [written[i] for i in kept]
+    assert after.keys[2] != before.keys[2]
+    one = "rgb" if kind == "image_02" else "range_m"
+    changed = not np.array_equal(getattr(after[2].painted, one), getattr(before[2].painted, one))
+    assert changed == (kind == "image_02")
+    if kind == "velodyne_points":
+        assert np.unique(after[2].measured.intensity[after[2].measured.valid]) == [0.75]
+
+
+def test_pairs_of_two_beam_tables_do_not_mix(drives):
+    """The table is fitted to the first scan: where its points move all pairs are made anew, where they do not, one."""
+    before, _ = made(drives)
+    first = drives.root / "2011_09_26" / "2011_09_26_drive_0001_sync" / "velodyne_points" / "data" / "0000000000.bin"
+    points = np.fromfile(first, "<f4").reshape(-1, 4)
+    points[:, 3] = 0.75
+    points.tofile(first)
+    fainter, _ = made(drives)
+    assert [a == b for a, b in zip(fainter.keys, before.keys, strict=True)] == [False, True, True, True]
+    points[:, 2] += 0.05
+    points.tofile(first)
+    after, _ = made(drives)
+    assert not {*after.keys} & {*fainter.keys}
+
+
+def test_a_mended_scan_makes_its_sides_anew(drives):
+    def keys():
+        dataset = Turned(open_dataset(drives))
+        return prepared(dataset, dataset.sides([1]), drives, prepare=replace(FAST, inputs=("depth",))).keys
+
+    before = keys()
+    (scan,) = drives.root.glob("2011_09_26/2011_09_26_drive_0001_sync/velodyne_points/data/0000000001.bin")
+    points = np.fromfile(scan, "<f4").reshape(-1, 4)
+    points[:, 3] = 0.75
+    points.tofile(scan)
+    assert not {*keys()} & {*before}

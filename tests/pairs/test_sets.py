@@ -1,6 +1,8 @@
 """Sets are made once, from one data set with one making."""
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,6 +13,7 @@ from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
 from jaxsim.geometry import preset
 from jaxsim.pairs import shards as pair_shards
+from jaxsim.pairs.prepared import prepared
 from jaxsim.pairs.sets import make_set
 from tests.data.made_prepared_set import PREPARE, digests, kitti, of
 
@@ -87,6 +90,61 @@ def test_a_set_of_other_settings_is_not_added_to(raw_root, out, change, message,
     settings = {"train": change.get("train", "0-1"), "evaluation": change.get("evaluation", "2"), "size": 2}
     with pytest.raises(ValueError, match=message):
         make_set(out, data, change.get("prepare", PREPARE), **settings, workers=1)
+
+
+def mend(root):
+    """Another calibration of the date, as one that was copied wrongly is mended."""
+    (calibration,) = root.glob("2011_09_26/calib_velo_to_cam.txt")
+    calibration.write_text(calibration.read_text().replace("-0.2717806", "-0.9717806"))
+
+
+def test_a_finished_set_of_files_that_have_changed_is_refused(raw_root, out):
+    mend(raw_root)
+    with pytest.raises(
+        ValueError, match=r"2 frames whose files have changed since \(the first: .*0001_sync-0000000000"
+    ):
+        make_set(out, kitti(raw_root), PREPARE, train="0-1", evaluation="2", workers=1)
+    shutil.rmtree(raw_root)
+    assert len(open_dataset(of(out)).pairs([0, 1, 2], PREPARE)[:]) == 3  # where its data are not, it serves as it is
+
+
+def test_a_set_that_says_nothing_of_its_files_is_taken(raw_root, out):
+    (metadata,) = out.rglob("metadata.json")
+    about = json.loads(metadata.read_text())
+    for split in about["splits"].values():
+        assert all(split.pop("sources"))
+    metadata.write_text(json.dumps(about))
+    mend(raw_root)
+    make_set(out, kitti(raw_root), PREPARE, train="0-1", evaluation="2", workers=1)
+
+
+def test_a_set_made_anew_of_mended_files_has_other_keys(raw_root, out, tmp_path):
+    mend(raw_root)
+    settings = {"train": "0-1", "evaluation": "2", "workers": 1}
+    make_set(tmp_path / "mended", kitti(raw_root), PREPARE, **settings)
+    keys = [open_dataset(of(root)).pairs([0, 1, 2], PREPARE).keys for root in (out, tmp_path / "mended")]
+    assert not {*keys[0]} & {*keys[1]}
+    data = kitti(raw_root, cache=tmp_path / "cache")
+    assert prepared(open_dataset(data), [0, 1, 2], data, prepare=PREPARE).keys == keys[1]
+
+
+def test_files_of_pairs_whose_sources_changed_before_the_set_was_whole_are_made_anew(raw_root, tmp_path, monkeypatch):
+    settings = {"train": "0-1", "evaluation": "2", "workers": 1, "size": 1}
+    make, made = pair_shards.make, []
+
+    def breaks_off(job, position):
+        made.append(position)
+        if made == [0, 1, 2]:
+            raise KeyboardInterrupt
+        return make(job, position)
+
+    monkeypatch.setattr(pair_shards, "make", breaks_off)
+    with pytest.raises(KeyboardInterrupt):
+        make_set(tmp_path / "half", kitti(raw_root), PREPARE, **settings)
+    (image,) = raw_root.glob("2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000001.png")
+    os.utime(image, ns=(1, 1))
+    make_set(tmp_path / "half", kitti(raw_root), PREPARE, **settings)
+    assert made == [0, 1, 2, 1, 2]
 
 
 def test_files_of_other_code_are_not_mixed_with_new_ones(raw_root, tmp_path, monkeypatch):

@@ -281,3 +281,36 @@ def test_a_tree_of_other_levels_is_not_gone_on_with_and_an_old_one_that_says_non
     record.write_text(json.dumps(content))
     export(0.02)
     assert json.loads(record.read_text())["settings"]["levels"] == {"range_noise": 0.02}
+
+
+def test_frames_of_changed_files_and_clouds_that_are_cut_off_are_made_anew(tmp_path, six, monkeypatch, caplog):
+    out, files = tmp_path / "out", {k: tmp_path / f"{k}.bin" for k in range(6)}
+    for file in files.values():
+        file.write_bytes(b"1")
+    monkeypatch.setattr(Six, "files_of", lambda self, index: [files[index]], raising=False)
+    Export(out=out, frames="0-5")()
+    Export(out=out, frames="0-5")()
+    assert sorted(six.made) == [0, 1, 2, 3, 4, 5]
+    six.made.clear()
+    files[2].write_bytes(b"12")
+    files[4].write_bytes(b"12")
+    cut = files_of(out, "000003")[0]
+    cut.write_bytes(cut.read_bytes()[:-4])
+    Export(out=out, frames="0-5")()
+    assert sorted(six.made) == [2, 3, 4]
+    assert "export: 000003 made anew: its cloud is cut off" in caplog.text
+    assert "export: 000002 and 1 more made anew: what it was made of has changed since" in caplog.text
+    assert cut.stat().st_size % 16 == 0
+    # Nothing is left of a frame that has no object any more.
+    files[4].write_bytes(b"123")
+    six.boxes = lambda index: boxes_at()
+    Export(out=out, frames="0-5")()
+    assert not any(path.exists() for path in files_of(out, "000004"))
+    assert listed(out, "trainval") == ["000000", "000003", "000005"]
+
+
+def test_a_tree_that_says_nothing_of_its_files_is_gone_on_with(tmp_path, six, monkeypatch):
+    Export(out=tmp_path / "out", frames="3-5")()
+    monkeypatch.setattr(Six, "files_of", lambda self, index: [tmp_path / "not there"], raising=False)
+    Export(out=tmp_path / "out", frames="3-5")()
+    assert sorted(six.made) == [3, 4, 5]

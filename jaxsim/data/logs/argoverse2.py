@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +26,11 @@ def argoverse2_items(path: Path, options: LogOptions) -> Iterator[Item]:
     files = [path] if path.is_file() else sorted(path.rglob("sensors/lidar/*.feather"))
     for file in files:
         log = file.parents[2].name
-        yield Item(f"{log[:8]}-{file.stem}", lambda file=file, log=log: _argoverse2_scan(file, log, options))
+        poses = file.parents[2] / "city_SE3_egovehicle.feather"
+        yield Item(f"{log[:8]}-{file.stem}", partial(_argoverse2_scan, file, log, options=options), (file, poses))
 
 
-def _argoverse2_scan(file: Path, log: str, options: LogOptions) -> LogScan:
+def _argoverse2_scan(file: Path, log: str, *, options: LogOptions) -> LogScan:
     table = _feather(file)
     missing = [key for key in ("x", "y", "z", "intensity", "laser_number", "offset_ns") if key not in table]
     if missing:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from os import SEEK_END
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,8 @@ def _items(suffixes: tuple[str, ...], read: Read, by: str) -> Callable[[Path, Lo
         if not files:
             raise ValueError(f"{by}: no {' or '.join(suffixes)} in {path}")
         for file in files:
-            yield Item(file.stem, lambda file=file: read(file, options))
+            # Beside it CARLA's description of the sensor, where there is one.
+            yield Item(file.stem, partial(read, file, options), (file, file.parent / "attributes.json"))
 
     return items
 
@@ -278,7 +280,8 @@ def _carla_items(path: Path, options: LogOptions) -> Iterator[Item]:
     for attributes_file in places:
         for file in files_in(attributes_file.parent, *_RAW):
             name = f"{attributes_file.parent.name}_{file.stem}"
-            yield Item(name, lambda file=file, name=name: replace(read_carla(file, options), name=name))
+            read = partial(read_carla, file, options)
+            yield Item(name, lambda read=read, name=name: replace(read(), name=name), (file, attributes_file))
 
 
 _RAW = (".raw", ".bin")

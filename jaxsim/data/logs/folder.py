@@ -17,9 +17,9 @@ import numpy as np
 
 from jaxsim.data.logs.gridding import FIRST, Sensor, infer_sensor, to_sweep
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, naming_log
-from jaxsim.data.polar_frames import Announced, about_frame, read_grid, write_frame
+from jaxsim.data.polar_frames import Announced, about_frame, frame_anew, read_grid, write_frame
 from jaxsim.data.sweeps import Sweep
-from jaxsim.files import claim, file_of, parse_json, read_json, write_text
+from jaxsim.files import CHANGED, claim, file_of, parse_json, read_json, stamp, tell_anew, write_text
 from jaxsim.frame import PolarGrid
 from jaxsim.geometry import same_grid
 from jaxsim.progress import Progress
@@ -70,11 +70,12 @@ class Written:
 def write_log(
     path: Path, kind: str, source: Source, *, out: Path, options: LogOptions, every: int = 1, most: int = 0
 ) -> Written:
-    """Writes the scans of a log to a folder of polar frames; those that are there are not made again.
+    """Writes the scans of a log to a folder of polar frames; those that are there are not made again, unless their
+    files are cut off or what they are read from has changed since.
 
     Every `every`-th scan is taken, and at most `most` (0: all). The first scans tell the sensor's beams and columns,
     and all frames lie on its grid. Raises ValueError where `out` holds another log's frames, and where scans are
-    damaged or do not tell the sensor.
+    damaged, do not tell the sensor, or are no longer those that told it.
     """
     plain = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(options).items()}
     made = json.loads(json.dumps({"log": str(path.resolve()), "kind": kind, "options": plain, "every": every}))
@@ -91,11 +92,20 @@ def write_log(
     written = already = partial = 0
     filled = 0.0
     with Announced(out, grid, by="frames") as announced, Progress(unit="frame", desc="reading") as bar:
-        for item in items:
+        for place, item in enumerate(items):
             bar.update()
+            of = _stamp(item, path, options)
             if item.name in announced.frames and file_of(out, item.name, ".npz", by="frames").is_file():
-                already += 1
-                continue
+                why = frame_anew(out, item.name, of)
+                if not why:
+                    already += 1
+                    continue
+                if why == CHANGED and place < FIRST:
+                    raise ValueError(
+                        f"frames: {out} holds {item.name}, and {why}: the sensor's beams were told from it, for all "
+                        "frames; delete the folder, and the same command makes them anew, or give another --out"
+                    )
+                tell_anew({item.name: why}, by="frames")
             with naming_log(kind, path):
                 scan = item.read()
                 sweep = _sweep(scan, sensor, grid, options=options, by=kind)
@@ -103,7 +113,7 @@ def write_log(
             if is_partial or np.asarray(sweep.image.valid).any(axis=0).mean() < LEAST_TURN:
                 partial += 1
                 continue
-            write_frame(out, sweep.name, sweep.image, **sweep.rasters)
+            write_frame(out, sweep.name, sweep.image, **sweep.rasters, **({"source": of} if of else {}))
             announced.add({sweep.name: about_frame(sweep.scene, time_s=sweep.time_s)})
             written += 1
             filled += float(np.asarray(sweep.image.valid).mean())
@@ -128,6 +138,14 @@ def _chosen(items: Any, every: int, most: int) -> Iterator[Item]:
     return islice(items, 0, most * every if most else None, every)
 
 
+def _stamp(item: Item, log: Path, options: LogOptions) -> str:
+    """The stamp of what a scan is read from: its own files, or the whole log, and what describes the sensor."""
+    files = list(item.files)
+    if not files:
+        files = [log] if log.is_file() else sorted(path for path in log.glob("*") if path.is_file())
+    return stamp([*files, options.meta] if options.meta else files)
+
+
 def _begin(
     record: Path, made: dict[str, Any], items: Iterator[Item], *, options: LogOptions, by: str
 ) -> tuple[PolarGrid, Sensor | None, Iterator[Item]]:
@@ -148,7 +166,7 @@ def _begin(
         sensor = infer_sensor([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
     grid = sensor.grid if sensor else next(scan.grid for _, scan in first if isinstance(scan, Sweep))
     write_text(record, json.dumps(made | {"sensor": sensor.to_json() if sensor else None}, indent=1))
-    again = (Item(item.name, lambda scan=scan: scan) for item, scan in first)
+    again = (Item(item.name, lambda scan=scan: scan, item.files) for item, scan in first)
     return grid, sensor, chain(again, items)
 
 

@@ -25,7 +25,7 @@ def range_image_items(path: Path, options: LogOptions) -> Iterator[Item]:
     ids = class_ids(options.classes)
     read = partial(_read, scale=options.full_scale or intensity_scale(files), ids=ids)
     for file in files:
-        yield Item(file.stem, partial(read, file))
+        yield Item(file.stem, partial(read, file), (file,))
 
 
 def class_ids(text: str) -> Int[np.ndarray, " 256"] | None:

@@ -39,7 +39,7 @@ def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
     files = [path] if path.is_file() else sorted(path.rglob("*.pcd.bin"))
     columns = {} if options.columns is None else {"columns": options.columns}
     for file in files:
-        yield Item(file.name.removesuffix(".pcd.bin"), lambda file=file: read_lidar_top(file, **columns))
+        yield Item(file.name.removesuffix(".pcd.bin"), lambda file=file: read_lidar_top(file, **columns), (file,))
 
 
 def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
@@ -68,7 +68,7 @@ def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
         )
 
     for name, scene, file, time_s in files:
-        yield Item(name, partial(read, file, name=name, scene=scene, time_s=time_s))
+        yield Item(name, partial(read, file, name=name, scene=scene, time_s=time_s), (file, labels_of(file)))
 
 
 def kitti_files(path: Path) -> list[tuple[str, str, Path, float | None]]:

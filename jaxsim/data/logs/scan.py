@@ -111,6 +111,8 @@ class Item(NamedTuple):
 
     name: str
     read: Callable[[], LogScan | Sweep]
+    files: tuple[Path, ...] = ()
+    """What it is read from, where that is not the whole log: once one has changed its frame is made anew."""
 
 
 class Source(NamedTuple):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.logs import LogOptions, Source, write_log
+from jaxsim.data.logs.gridding import FIRST
 from jaxsim.data.logs.scan import Item, scan_of_fields
 from jaxsim.data.polar_frames import frame_names
 from tests.data.logs.conftest import FIRINGS, RINGS, room
@@ -48,3 +49,31 @@ def test_other_options_are_kept_out_and_an_empty_log_is_told(tmp_path):
         write_log(log, "made", log_of(1, read=[]), out=out, options=LogOptions(returns="last"))
     with pytest.raises(ValueError, match=r"made: .*log holds no scan"):
         write_log(log, "made", log_of(read=[]), out=tmp_path / "other", options=OPTIONS)
+
+
+def test_scans_of_changed_files_and_frames_that_are_cut_off_are_made_anew(tmp_path, caplog):
+    log, out = tmp_path / "log", tmp_path / "out"
+    log.mkdir()
+    files = [log / f"{k}.scan" for k in range(FIRST + 2)]
+    for file in files:
+        file.write_bytes(b"1")
+
+    def written() -> tuple[int, int]:
+        source = log_of(*[1] * len(files), read=[])
+        items = [item._replace(files=(file,)) for item, file in zip(source.items(log, OPTIONS), files, strict=True)]
+        made = write_log(log, "made", source._replace(items=lambda *_: iter(items)), out=out, options=OPTIONS)
+        return made.frames, made.already
+
+    assert (written(), written()) == ((FIRST + 2, 0), (0, FIRST + 2))
+    files[-1].write_bytes(b"12")
+    assert (written(), written()) == ((1, FIRST + 1), (0, FIRST + 2))
+    cut = out / "000001.npz"
+    cut.write_bytes(cut.read_bytes()[:-100])
+    assert (written(), written()) == ((1, FIRST + 1), (0, FIRST + 2))
+    assert "frames: 000001 made anew: its file is cut off or damaged" in caplog.text
+    # The sensor of all frames was told from the first scans.
+    files[1].write_bytes(b"12")
+    with pytest.raises(
+        ValueError, match=r"out holds 000001, and what it was made of has changed since.*delete the fold"
+    ):
+        written()

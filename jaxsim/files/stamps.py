@@ -1,0 +1,58 @@
+"""What frames are read from, and whether that has changed since: told by files' sizes and times; none is read for it.
+
+A data set of files says which they are by `files_of(i)`; others, such as the embedded world, have none, and nothing of
+theirs can change.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+_log = logging.getLogger(__name__)
+
+CHANGED = "what it was made of has changed since"
+"""Why a frame is made anew whose files have another stamp than it was made with."""
+
+
+def files_of(dataset: Any, position: int) -> list[Path]:
+    """The files that a frame is read from, those too that it may do without and lacks; none where the data set has no
+    files."""
+    of_frame = getattr(dataset, "files_of", None)
+    return [] if of_frame is None else list(of_frame(position))
+
+
+def stamp(files: Iterable[Path], more: str = "") -> str:
+    """Sixteen hexadecimal digits that change where a file's size or time of modification does, where one goes or comes,
+    and with the text `more`; empty where there are no files."""
+    told = []
+    for file in files:
+        try:
+            about = file.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            told.append(f"{file.name} is not there")
+        else:
+            told.append(f"{file.name} {about.st_size} {about.st_mtime_ns}")
+    return hashlib.sha256("\n".join([*told, more]).encode()).hexdigest()[:16] if told else ""
+
+
+def stamp_of(dataset: Any, position: int, more: str = "") -> str:
+    """The stamp of a frame's files: what was made of the frame is as good as new while it stays the same."""
+    return stamp(files_of(dataset, position), more)
+
+
+def why_anew(was: str, now: str) -> str:
+    """Why what was made of files of one stamp is made anew of files of another, in words; empty where it may stay, as
+    what says nothing of its files does."""
+    return CHANGED if was and now and was != now else ""
+
+
+def tell_anew(anew: Mapping[str, str], *, by: str) -> None:
+    """Says of which frames what is there will be made anew, and why: the reasons by the frames' names."""
+    for why in sorted({*anew.values()}):
+        names = [name for name, one in anew.items() if one == why]
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        _log.warning(f"{by}: {names[0]}{more} made anew: {why}")
