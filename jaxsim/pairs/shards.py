@@ -80,9 +80,8 @@ def _dataset(data: DataConfig) -> Dataset:
 def make(job: PairJob, position: int) -> MadePair:
     """The pair at one position. Raises ValueError where the frame lacks what the job asks for."""
     dataset = _dataset(job.data)
-    (source,) = pair_stamps(
-        dataset, [position], job.spec
-    )  # before it is read: a change meanwhile is seen the next time
+    # Before it is read: a change meanwhile is seen the next time.
+    [source] = pair_stamps(dataset, [position], job.spec)
     frame = dataset[position]
     record = make_record(frame, position, job.spec, prepare=job.prepare, scan=job.scan)
     rows, columns = record.pair.target.shape
