@@ -81,7 +81,7 @@ def _does(channel: str, change: Interval) -> str:
         # What is lost is told as a change too: less returns.
         sign = -1 if channel == "drop" else 1
         sizes = [f"{100 * sign * value:+.1f} %" for value in (change.value, change.low, change.high)]
-    mean, low, high = sizes
+    mean, low, high = [size.replace("-", "−") for size in sizes]
     return f"On the rays compared it alone changes {what} by {mean} in the mean, nine of ten by {low} to {high}."
 
 
