@@ -22,6 +22,7 @@ from jaxsim.geometry import grid_difference
 
 _Sides = tuple[Mapping[str, PolarImage], Mapping[str, PolarImage]]
 """Simulated and measured frames by name."""
+_Side = Sequence[PolarImage]
 _Rasters = Sequence[Mapping[str, np.ndarray]]
 """What frames hold besides range and intensity."""
 RAYS_OF_FRAME = 2000
@@ -80,15 +81,16 @@ def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: _Si
         )
 
 
-def check_no_doubles(folder: Path, names: Sequence[str], images: Sequence[PolarImage]) -> None:
-    """Raises ValueError where two measured frames hold the same readings: a sensor's noise makes each its own."""
-    seen: dict[tuple[bytes, bytes], str] = {}
-    for name, image in zip(names, images, strict=True):
-        first = seen.setdefault(_readings(image), name)
-        if first != name:
+def check_no_doubles(measured: Path, names: Sequence[str], *, ours: _Side, theirs: _Side) -> None:
+    """Raises ValueError where two measured frames (`theirs`) hold the same readings, and their simulated partners
+    (`ours`) do not: a sensor's noise makes each frame its own."""
+    seen: dict[tuple[bytes, bytes], int] = {}
+    for k, image in enumerate(theirs):
+        first = seen.setdefault(_readings(image), k)
+        if _readings(ours[first]) != _readings(ours[k]):
             raise ValueError(
-                f"discover: {first} and {name} of {folder} hold the same readings to the last digit; one is a copy: "
-                "leave it out on both sides, or put back what it was"
+                f"discover: {names[first]} and {names[k]} of {measured} hold the same readings to the last digit, and "
+                "their simulated frames differ; one is a copy: leave it out, or put back what it was"
             )
 
 

@@ -202,7 +202,7 @@ def _read(
         plausible(name, image, "simulated")
         plausible(name, reading, "measured")
     check_sides(simulated.folder, measured.folder, predicted=extra, recorded=tells)
-    check_no_doubles(measured.folder, names, sensed)
+    check_no_doubles(measured.folder, names, ours=images, theirs=sensed)
     return images, sensed, extra
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -154,8 +155,10 @@ def score_checkpoints(run: Path, data: DataConfig, *, frames: str = "", validati
     dataset = open_dataset(data)
     positions = frames_to_judge(frames, dataset, validation=validation)
     if data.bare == trained.data.bare:
-        names = [dataset.name_of(i) for i in positions]
-        warn_of_seen(Side(select(trained.data.train, dataset)), Side(positions), names=names)
+        # Frames of the training that are no longer there cannot be among those that judge.
+        with suppress(ValueError):
+            names = [dataset.name_of(i) for i in positions]
+            warn_of_seen(Side(select(trained.data.train, dataset)), Side(positions), names=names)
     scenes = experiment_scenes(dataset, positions, experiment)
     find = make_find(experiment)
     per_step: list[list[Curve]] = []

@@ -20,6 +20,13 @@ SCENES = [scene(seed) for seed in range(8)]
 EVERY_3 = replace(EXPERIMENT, run=RunConfig(save_every=3, keep=2), data=replace(EXPERIMENT.data, validation="0-7"))
 
 
+class Named(list):
+    """A data set: its frames have names."""
+
+    def name_of(self, index):
+        return f"frame_{index}"
+
+
 @pytest.fixture
 def run(tmp_path, monkeypatch):
     """Checkpoints of steps 3 and 6; the first finds every car 0.4 m too high, less than 0.7 of its volume."""
@@ -34,7 +41,7 @@ def run(tmp_path, monkeypatch):
         found = [Detected(s.boxes + off, np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
         return kitti_curves(scenes, found, experiment), found
 
-    monkeypatch.setattr("jaxsim.evaluate.runs.open_dataset", lambda source: SCENES)
+    monkeypatch.setattr("jaxsim.evaluate.runs.open_dataset", lambda source: Named(SCENES))
     monkeypatch.setattr("jaxsim.evaluate.runs.experiment_scenes", lambda *_: SCENES)
     monkeypatch.setattr("jaxsim.evaluate.runs.score_detector", scored)
     return tmp_path / "run"
