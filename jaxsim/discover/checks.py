@@ -23,6 +23,7 @@ from jaxsim.geometry import grid_difference
 _Sides = tuple[Mapping[str, PolarImage], Mapping[str, PolarImage]]
 """Simulated and measured frames by name."""
 _Side = Sequence[PolarImage]
+"""Frames of one side, in the order of their names."""
 _Rasters = Sequence[Mapping[str, np.ndarray]]
 """What frames hold besides range and intensity."""
 RAYS_OF_FRAME = 2000

@@ -156,9 +156,11 @@ def score_checkpoints(run: Path, data: DataConfig, *, frames: str = "", validati
     positions = frames_to_judge(frames, dataset, validation=validation)
     if data.bare == trained.data.bare:
         # Frames of the training that are no longer there cannot be among those that judge.
+        learned: list[int] = []
         with suppress(ValueError):
-            names = [dataset.name_of(i) for i in positions]
-            warn_of_seen(Side(select(trained.data.train, dataset)), Side(positions), names=names)
+            learned = select(trained.data.train, dataset)
+        names = [dataset.name_of(i) for i in positions]
+        warn_of_seen(Side(learned), Side(positions), names=names)
     scenes = experiment_scenes(dataset, positions, experiment)
     find = make_find(experiment)
     per_step: list[list[Curve]] = []

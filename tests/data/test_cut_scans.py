@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data import KittiRaw
-from jaxsim.data.clouds import cloud_files, read_cloud, read_scan
+from jaxsim.data.clouds import ROAD_DEG, cloud_files, read_cloud, read_scan
 from jaxsim.data.logs import LogOptions, source_for, write_log
 from jaxsim.data.polar_frames import read_frame
 from jaxsim.evaluate.cloud_folder import read_points
@@ -87,6 +87,19 @@ def test_frames_of_a_damaged_scan_say_what_is_wrong_with_it(tmp_path, damage):
     kind, source = source_for(tmp_path)
     with pytest.raises(ValueError, match=message):
         write_log(tmp_path, kind, source, out=tmp_path / "out", options=LogOptions())
+
+
+@pytest.mark.parametrize(("every", "low", "high"), [(1, 0.84, 1.07), (2, 0.4, 0.54)])
+def test_the_middle_line_of_the_road_brings_back_nearly_all_firings_of_a_real_scan(samples, every, low, high):
+    files = [*samples.glob("kitti_raw/2011_09_26/*/velodyne_points/data/*.bin")]
+    assert files
+    spec = preset("hdl64e")
+    road = np.asarray(spec.elevation_deg) < ROAD_DEG
+    for file in files:
+        points = np.fromfile(file, np.float32).reshape(-1, 4)
+        row = recover_rows(points[:, :3], lines=spec.rows, spec=spec)[::every]
+        middle = np.median(np.bincount(row, minlength=spec.rows)[road])
+        assert low <= middle / spec.columns <= high
 
 
 def test_a_real_scan_that_was_damaged_is_refused(samples, tmp_path):

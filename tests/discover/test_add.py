@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.add import changes, intervals
+from jaxsim.discover.levels import made_by
 from jaxsim.discover.model.evidence import Measured, gather
-from jaxsim.discover.model.fit import fit
+from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.noise import MOST
 from jaxsim.discover.model.null import Refit, fit_null, implied_level
 from jaxsim.discover.model.parameters import to_z
@@ -102,3 +103,29 @@ def test_what_an_effect_does_is_told_whatever_nuisances_take_up():
     assert does("random_dropout", {"probability": 0.2})["drop"].value == pytest.approx(0.2, abs=1e-4)
     assert does("range_offset", {"offset_m": 0.03})["range"].high == pytest.approx(0.03, abs=1e-4)
     assert does("range_noise", {"sd_m": 0.02}) == {}
+
+
+def test_a_step_that_was_read_off_is_known_to_what_the_readings_tell():
+    scan, measured = toy(frames=len(FRAMES), seed=4)
+    step = 1 / 64
+    measured = replace(measured, intensity=(np.round(measured.intensity / step) * step).astype(np.float32))
+    problem, found = fitted("intensity_quantization", scan, measured)
+    found = replace(found, z=to_z(EFFECTS["intensity_quantization"], {"step": step}, 16))
+    told = intervals(EFFECTS["intensity_quantization"], problem, found)["step"]
+    assert told.low < step < told.high
+    # One wrong by this much is off by a fiftieth of a step at the largest reading.
+    largest = float(measured.intensity[measured.valid].max())
+    assert (told.high - told.value) * largest / step == pytest.approx(0.02 * step, rel=0.1)
+
+
+def test_what_effects_make_of_a_level_is_read_off_the_rays_that_they_leave():
+    problem, _ = fitted("range_scale", *toy(frames=len(FRAMES), seed=4))
+    assert made_by(problem.ev) == pytest.approx({"range_noise": 0, "random_loss": 0}, abs=1e-6)
+    both = {"random_dropout": {"probability": 0.2}, "range_noise": {"sd_m": 0.02}}
+    for name, values in both.items():
+        problem = on_top(EFFECTS[name], problem, to_z(EFFECTS[name], values, 16))
+    rays = problem.ev.rays
+    made = made_by(problem.ev)
+    assert made["random_loss"] == pytest.approx(0.2, abs=1e-4)
+    assert made["range_noise"] == pytest.approx(float(np.median(np.asarray(rays.noise_m)[np.asarray(rays.hit)])))
+    assert made["range_noise"] > 0

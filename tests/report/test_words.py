@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from jaxsim.discover.verdict import Interval
 from jaxsim.report.words import listed, nuisance, nuisance_title, verdict_sentence
 from tests.report import results
 
@@ -23,6 +24,12 @@ def test_without_a_floor_the_sentence_tells_what_the_likelihood_gains():
     assert (
         "adding them makes the intensities of 2 scenes that nothing was fitted to more probable, by 180 nats per scene "
         "(90 % interval 150 to 210), where free curves gain nothing for certain" in verdict_sentence(verdict)
+    )
+    # Next to nothing is no share to tell.
+    wide = replace(verdict, closure=Interval(7.5, 0.4, 14.6, "share of what free curves gain"))
+    assert "closes" not in verdict_sentence(wide)
+    assert "by 180 nats per scene (90 % interval 150 to 210), where free curves gain too little" in verdict_sentence(
+        wide
     )
     silent = {name: replace(g, gained=None) for name, g in verdict.gap.items()}
     assert "more probable" not in verdict_sentence(replace(verdict, gap=silent))

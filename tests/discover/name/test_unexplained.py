@@ -51,7 +51,8 @@ def test_a_wave_of_one_turn_is_a_wave():
     azimuth = np.linspace(-3.1, 3.1, 20)
     along = Dependence("range", "azimuth", 0.01, 0.1, 50.0)
     character, formula = shape_of(azimuth, 0.06 * np.cos(azimuth + 0.7), np.ones(20), dependence=along)
-    assert (character, formula.split("·")[0]) == ("periodic", "Δ r ≈ 0 + 0.06") or "0.06·sin(1·x" in formula
+    assert character == "periodic"
+    assert "0.06·sin(1·x" in formula
     # Over half a turn it is no whole wave.
     assert "sin(1·x" not in shape_of(azimuth / 2, np.cos(azimuth), np.ones(20), dependence=along)[1]
 
