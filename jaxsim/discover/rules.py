@@ -195,14 +195,12 @@ class Rules:
     nearly_share: float = 0.9
     """Share of the best's gain from which a simpler one of its channels is tried instead, if others came after it."""
     weak_share: float = 0.5
-    """Share of the largest gain that a candidate must reach, accepted or not as that one may be: a weak one is not the
-    answer to a strong disagreement that the scenes dispute."""
+    """Share of the largest gain, accepted or not, that the answer must reach: a weak one is none to a strong gap."""
     most_effects: int = 4
     """Effects that are named at most."""
     exchanged_share: float = 0.25
-    """Share of its gain that what is found may gain with the sides exchanged too, where the simulator has noise of its
-    own: beyond it the two say it of each other. What one side lacks loses there; what noise does gains alike, but for
-    chance: half as much on the made streets of tests/discover/name/test_exchange.py."""
+    """Share of its gain that what is found may gain with the sides exchanged too, beside a simulator with noise: beyond
+    it the two say it of each other. What one side lacks loses there; what noise does gains alike, but for chance."""
     same_brightness_nats: float = 0.1
     """Standard deviation up to which both know how bright surfaces are; tables of reflectances are off by more."""
     curves_tried: int = 3
@@ -215,6 +213,8 @@ class Rules:
     """... and so much more."""
     curve_simpler: float = 0.5
     """... but only as much with fewer numbers than this share of theirs. Set on three offsets of every second row."""
+    curve_pieces: int = 3
+    """... and only `nearly_share` of it where so many effects of its channel piece it together."""
     shape_price: float = 0.1
     """Each number of a curve's shape (line, step, wave) counts like this share of what the shape leaves unexplained."""
     shape_unlike: float = 0.6

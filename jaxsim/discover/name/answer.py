@@ -187,12 +187,16 @@ def named_answer(
 
 def outdone(choice: Choice, dependence: Dependence, curve: Candidate, *, numbers: int) -> bool:
     """Whether a free curve of so many numbers gains clearly more in its own channel (an effect may show in others
-    besides) than the effects that were chosen. What a lattice of readings gains does not count: it is no dependence on
-    anything."""
+    besides) than the effects that were chosen, or nearly as much as several: laws of one channel that only together
+    say what one curve says piece together a law that no catalogue holds. What a lattice of readings gains does not
+    count: it is no dependence on anything."""
     k = CHANNELS.index(dependence.channel)
     free = curve.gain[:, k]
     steps = [step for step in choice.steps if step.chosen.effect.name not in FINEST]
     named = sum((step.chosen.gain[:, k] for step in steps), np.zeros(len(free)))
+    pieces = sum(dependence.channel in step.chosen.effect.channels for step in steps)
+    if pieces >= RULES.curve_pieces:
+        return bool(clipped(free).sum() >= RULES.nearly_share * clipped(named).sum())
     simpler = numbers < RULES.curve_simpler * sum(step.chosen.numbers for step in steps)
     least = (1.0 if simpler else RULES.curve_factor) * max(clipped(named).sum(), 0.0) + RULES.curve_margin_nats
     much = clipped(free).sum() > least

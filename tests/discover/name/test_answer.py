@@ -14,6 +14,7 @@ from tests.discover.name.made import CHANNEL, candidate, problem, step
 
 NUMBERS = 36
 """Of each free curve here."""
+PIECES = "saturation", "near_range_overlap"
 DEPENDENCE = {name: Dependence(name, "range", 0.01, 0.1, 50.0) for name in CHANNEL}
 
 
@@ -31,6 +32,11 @@ DEPENDENCE = {name: Dependence(name, "range", 0.01, 0.1, 50.0) for name in CHANN
         ([candidate("beam_gain", 8)], candidate("curve", 8.5), False),
         # What a lattice of readings gains is no dependence that a curve would have to beat.
         ([candidate("intensity_quantization", 4000)], candidate("curve", 8), True),
+        # Three laws that together gain what one curve does are pieces of it; of two channels they are not.
+        ([candidate("gamma_response", 8), candidate("saturation", 1)], candidate("curve", 9), False),
+        ([candidate("gamma_response", 8), *map(candidate, PIECES, (0.6, 0.4))], candidate("curve", 8.2), True),
+        ([candidate("gamma_response", 8), *map(candidate, PIECES, (0.6, 0.4))], candidate("curve", 8), False),
+        ([*map(candidate, PIECES, (8, 1)), candidate("random_dropout", 3, "drop")], candidate("curve", 9), False),
     ],
 )
 def test_a_curve_outdoes_only_what_it_explains_clearly_better(named, curve, outside):
