@@ -12,6 +12,9 @@ from jaxsim.train.experiments import experiment_names
 from tests.pages import CODE, LINK, PAGES, ROOT, TODAY, is_module_or_member, names
 
 
+FILES = [path for folder in ("jaxsim", "tests", "benchmarks", "configs") for path in (ROOT / folder).rglob("*.py")]
+
+
 def prose(page: Path) -> str:
     return CODE.sub("", page.read_text())
 
@@ -82,12 +85,15 @@ def test_every_file_that_the_code_names_exists(folder):
 
 
 def lost_names(text: str) -> list[str]:
-    """Files and modules of ours in backticks that are not there."""
+    """Files and modules of ours in backticks that are not there. A file may be named by the end of its path."""
     code = re.findall(r"`([^`\s]+)`", text)
     files = [name for name in code if re.fullmatch(r"(jaxsim|tests|benchmarks|configs)/[\w/.]+", name)]
+    ends = [name for name in code if re.fullmatch(r"[a-z_0-9]+(/[a-z_0-9]+)+\.py", name) and name not in files]
     modules = [name for name in code if re.fullmatch(r"jaxsim(\.[a-z_0-9]+)+", name)]
-    return [name for name in files if not (ROOT / name).exists()] + [
-        name for name in modules if not is_module_or_member(name)
+    return [
+        *(name for name in files if not (ROOT / name).exists()),
+        *(name for name in ends if not any(str(path).endswith(f"/{name}") for path in FILES)),
+        *(name for name in modules if not is_module_or_member(name)),
     ]
 
 
