@@ -11,7 +11,6 @@ from jaxsim.cli import COMMANDS
 from jaxsim.train.experiments import experiment_names
 from tests.pages import CODE, LINK, PAGES, ROOT, TODAY, is_module_or_member, names
 
-
 FILES = [path for folder in ("jaxsim", "tests", "benchmarks", "configs") for path in (ROOT / folder).rglob("*.py")]
 
 
