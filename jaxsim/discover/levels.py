@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import Evidence, Measured
-from jaxsim.discover.model.noise_levels import Levels, noise_levels
+from jaxsim.discover.model.noise_levels import Levels, noise_levels, on_lattices
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Level
@@ -45,6 +45,8 @@ def compare_levels(comparison: Comparison) -> tuple[Level, ...]:
     A sensor's intensity noise holds texture of surfaces that is finer than the rays, for no frame tells the two apart.
     """
     simulated = _by_scene(comparison, comparison.scan)
+    if comparison.lattices is not None:
+        simulated = [on_lattices(one, comparison.lattices) for one in simulated]
     measured = _by_scene(comparison, _as_measured(comparison.scan, comparison.measured))
     return tuple(
         _compared(

@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from jaxsim.discover.model.cast import RayIndex, ray_index
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem, fit
+from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import NOTHING_YET, Comparison
 from jaxsim.discover.register.registration import LIFT, MOTION_PARTS, Registration
@@ -73,10 +74,11 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     if registered is None:
         return Mounting((), comparison, known)
     scan = comparison.scan
+    cast_again = replace(comparison, lattices=lattices_of(scan))
     if registered.early_or_late:
         # Frames' own places hold what the mounting is off by as well.
         moved, told = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
-        again = replace(comparison, scan=moved, told=told, between_unknown=True, other_moments=True)
+        again = replace(cast_again, scan=moved, told=told, between_unknown=True, other_moments=True)
         return Mounting((), again, known)
     # A mounting is that of all frames: what acts in a part of them alone stays with what else is known.
     given = {name for name, _ in known.effects} - {*known.regions}
@@ -92,7 +94,7 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     moved, told = seen_from(scan, motion)
     # Lifted beams meet the steps to their sides where they were.
     aside = set(motion) != {"beam_elevation_error"}
-    return Mounting(named, replace(comparison, scan=moved, told=told, between_unknown=aside), rest)
+    return Mounting(named, replace(cast_again, scan=moved, told=told, between_unknown=aside), rest)
 
 
 def place_alike(comparison: Comparison, mounting: Mounting, known: SensorModel = NOTHING_YET) -> Comparison:

@@ -27,7 +27,7 @@ from jaxsim.discover.checks import (
 )
 from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, with_planes
 from jaxsim.discover.model.evidence import Evidence, Measured, gather, near_enough
-from jaxsim.discover.model.noise_levels import Levels
+from jaxsim.discover.model.noise_levels import Levels, on_lattices
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.register import register
 from jaxsim.discover.register.registration import Registration, other_moments, speeds_read
@@ -72,6 +72,9 @@ class Comparison:
     told: Bool[np.ndarray, "f r n"] | None = None
     """Rays of frames that were cast again of which the simulated frames tell anything; others count on neither side.
     None where all do."""
+    lattices: Levels | None = None
+    """The simulator's lattices as its frames were read, where they were cast again, for what lies between two readings
+    is on none. None where `scan` shows them."""
     other_moments: bool = False
     """Whether frames of one name are of different moments: rays whose ranges are of different surfaces count on neither
     side."""
@@ -311,6 +314,8 @@ class Division:
             valid=measured.valid,
             noises=noises,
         )
+        if comparison.lattices is not None:
+            simulator = replace(simulator, noise=on_lattices(simulator.noise, comparison.lattices))
         # Not before: a ray that counts on neither side would look like one that the simulator lost.
         both = simulator.scan, measured
         if comparison.told is not None:

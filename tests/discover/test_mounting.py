@@ -9,8 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxsim.discover import mounting
+from jaxsim.discover.levels import compare_levels
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.mounting import (
     LIFT_OF_ALL,
     gains,
@@ -20,7 +22,7 @@ from jaxsim.discover.mounting import (
     registered_of,
     seen_from,
 )
-from jaxsim.discover.read import NOTHING_YET, Comparison
+from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.register.registration import LIFT, MOTION_PARTS
 from jaxsim.discover.scenes import split_scenes
 from jaxsim.discover.verdict import Interval
@@ -67,6 +69,22 @@ def test_a_turned_sensor_is_named_with_its_interval_and_its_frames_are_brought_t
     assert told.motion["pitch_rad"] == pitch
     assert told.near[1] > told.near[0]
     assert told.off_m[1] < told.off_m[0]
+
+
+def test_lattices_that_both_sides_have_are_not_lost_between_two_readings():
+    """What is read between two readings of a lattice lies on none."""
+    one = comparison([0, 0, 0, 0, 0.0087, 0])
+    step = 0.02
+    rng = np.random.default_rng(3)
+    ours, theirs = (step * rng.integers(5, 40, one.scan.range_m.shape) for _ in range(2))
+    scan = replace(one.scan, intensity=ours.astype(np.float32))
+    measured = replace(one.measured, intensity=theirs.astype(np.float32))
+    placed = place_mounting(replace(one, scan=scan, measured=measured), MOTION_PARTS).comparison
+    assert lattices_of(placed.scan).intensity_step == 0
+    assert Division.of(placed).simulator.noise.intensity_step == pytest.approx(step, rel=1e-4)
+    lattice = {level.name: level for level in compare_levels(placed)}["intensity_step"]
+    assert lattice.simulated.value == pytest.approx(step, rel=1e-4)
+    assert lattice.missing.value == 0
 
 
 def test_beams_that_all_point_higher_are_named_for_each_beam():

@@ -132,16 +132,15 @@ def noise_levels(scan: Scan) -> Levels:
     slant_sd = _sd_of(np.abs(_second_difference(np.asarray(scan.incidence_rad, np.float64)))[inner])
     loss = hole.sum() / max(hole.sum() + inner.sum(), 1)
     constant, share, follows_cosine = _intensity_noise(scan, inner)
-    return Levels(
+    levels = Levels(
         range_m=range_sd if range_sd > RULES.noisy_range_m else 0.0,
         incidence_rad=slant_sd if slant_sd > RULES.noisy_incidence_rad else 0.0,
         intensity=constant,
         intensity_share=share,
         follows_cosine=follows_cosine,
         loss=float(loss) if loss > RULES.noisy_loss else 0.0,
-        intensity_step=steps.intensity_step,
-        range_step_m=steps.range_step_m,
     )
+    return on_lattices(levels, steps)
 
 
 def lattices_of(scan: Scan) -> Levels:
@@ -153,6 +152,11 @@ def lattices_of(scan: Scan) -> Levels:
         intensity_step=lattice_step(intensity, finest=FINEST["intensity_quantization"]),
         range_step_m=lattice_step(range_m, finest=FINEST["range_quantization"]),
     )
+
+
+def on_lattices(levels: Levels, lattices: Levels) -> Levels:
+    """Levels with the lattices of others."""
+    return replace(levels, intensity_step=lattices.intensity_step, range_step_m=lattices.range_step_m)
 
 
 def _second_difference(x: Float[np.ndarray, "f r c"]) -> Float[np.ndarray, "f r c"]:

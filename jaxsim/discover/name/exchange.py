@@ -109,7 +109,7 @@ def exchange(comparison: Comparison, division: Division) -> Comparison:
     reported = np.asarray(raw.hit)
     simulated = Measured(np.where(reported, raw.range_m, 0), np.where(reported, raw.intensity, 0), reported)
     scan = _with_readings(division.simulator.scan, comparison.measured)
-    return replace(comparison, scan=scan, measured=simulated)
+    return replace(comparison, scan=scan, measured=simulated, lattices=None)
 
 
 def _with_readings(meant: Scan, measured: Measured) -> Scan:
