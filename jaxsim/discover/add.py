@@ -17,6 +17,7 @@ from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import Refit, as_implied, refit
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
 from jaxsim.discover.name.select import FittedStep
+from jaxsim.discover.name.starts import sector_between
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Law
@@ -147,7 +148,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
 
 def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval | tuple[Interval, ...]]:
     """Every fitted parameter with its 90 % interval, clipped to its bounds; of a lattice's step, which was read off the
-    readings, how far it may be off."""
+    readings, how far it may be off; of a hidden sector's borders, the rays between which they lie."""
     if effect.name in FINEST:
         [(name, value)] = to_values(effect, result.z).items()
         half = step_known_to(problem.ev, effect.name, float(value))
@@ -157,14 +158,18 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
     of_z = restorer(result.z)(sd)
     values = to_values(effect, result.z)
     again = to_values(effect, fit_to_implied(effect, problem, result).z) if follows_power(effect) else values
+    between = sector_between(problem, values) if effect.name == "sector_occlusion" else {}
     parameters: dict[str, Interval | tuple[Interval, ...]] = {}
     for name, p in fitted_parameters(effect).items():
         value = np.asarray(values[name], float)
         half = reach * p.scale * np.asarray(of_z[name], float)
         # The interval holds both fits: to the simulator's reflectances, and to those that the intensities imply.
         other = np.asarray(again[name], float)
-        low = np.maximum(np.minimum(value, other) - half, p.low)
-        high = np.minimum(np.maximum(value, other) + half, p.high)
+        ends = np.minimum(value, other) - half, np.maximum(value, other) + half
+        if name in between:
+            # Between two rays all values are as likely: no curvature tells how far they reach.
+            ends = np.minimum(value, between[name][0]), np.maximum(value, between[name][1])
+        low, high = np.maximum(ends[0], p.low), np.minimum(ends[1], p.high)
         parameters[name] = interval_of(value, low, high, unit=p.unit)
     return parameters
 

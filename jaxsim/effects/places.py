@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +14,7 @@ from jaxsim.frame import Array, PolarGrid
 
 Places = tuple[Int[Array, "*n"], Int[Array, "*n"], Int[Array, "*n"]]
 """Frame, row and column of each ray."""
+Angle = TypeVar("Angle", float, np.ndarray)
 
 
 def spans_turn(grid: PolarGrid) -> Bool[Array, ""]:
@@ -34,7 +37,7 @@ def longest_run(flags: Bool[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarra
     return max(np.split(places, np.flatnonzero(np.diff(places) > 1) + 1), key=len)[: len(flags)]
 
 
-def within_turn(azimuth_rad: float) -> float:
+def within_turn(azimuth_rad: Angle) -> Angle:
     """The same azimuth from -pi to pi."""
     return (azimuth_rad + np.pi) % (2 * np.pi) - np.pi
 

@@ -24,6 +24,10 @@ IDLE = {"ghost_m": "ghost", "between_m": "between", "clutter_power": "clutter", 
 NAMES = list(EFFECTS)
 
 
+LOW = 0.0
+"""Elevation up to which a sector is hidden."""
+
+
 @cache
 def scene():
     scan = clutter_of_everything()
@@ -235,8 +239,9 @@ ORACLES = {
     "edge_dropout": ({"probability": 0.4, "share": 0.2}, lambda r: keep(0.4 * at_edge(r, 0.2))),
     "range_gate": ({"minimum_m": 10.0, "maximum_m": 50.0},
                    lambda r: {"log_keep": np.where((r["range_m"] < 9.8) | (r["range_m"] > 51), -30, 0)}),
-    "sector_occlusion": ({"azimuth_rad": 0.3, "width_rad": 0.6},
-                         lambda r: {"log_keep": np.where(abs(r["azimuth_rad"] - 0.3) < 0.28, -30, 0)}),
+    "sector_occlusion": ({"azimuth_rad": 0.3, "width_rad": 0.6, "below_rad": LOW},
+                         lambda r: {"log_keep": np.where((abs(r["azimuth_rad"] - 0.3) < 0.28)
+                                                         & (r["elevation_rad"] < LOW), -30, 0)}),
     "packet_loss": ({"probability": 0.2}, lambda r: {"column_loss": 0.2}),
     "ambient_light": ({"strength": 0.6, "heading_rad": 1.0, "width_rad": 0.4},
                       lambda r: keep(0.6 * around(r["azimuth_rad"] + r["heading_rad"] - 1.0, 0.4))),
@@ -265,7 +270,8 @@ def test_the_formula_is_that_of_the_table(name):
         sure &= ~(((r > 9.8) & (r < 10)) | ((r > 50) & (r < 51)))
     if name == "sector_occlusion":
         away = np.abs(np.asarray(rays.azimuth_rad) - 0.3)
-        sure &= ~((away > 0.28) & (away < 0.3))
+        up = np.asarray(rays.elevation_rad)
+        sure &= ~((away > 0.28) & (away < 0.3)) & ~((up > LOW - 0.01) & (up < LOW))
     ray = {f: np.asarray(v)[sure] for f, v in fields_of(rays).items() if np.shape(v)[:3] == hit.shape}
     for field, expected in oracle(ray).items():
         change = np.asarray(getattr(after, field), float) - np.asarray(getattr(rays, field), float)

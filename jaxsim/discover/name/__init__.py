@@ -1,5 +1,6 @@
 """Name: which effect of the catalogue is missing, or none, or something that the catalogue does not hold.
 
+starts         where fits begin that would feel no pull from elsewhere, read off the measurement
 candidates     every effect, fitted and judged on scenes that its fit has not seen
 select         one effect after another, as long as each gains more than the bar
 unexplained    free curves, for what no effect describes

@@ -1,8 +1,5 @@
 """The whole catalogue, each effect fitted and judged on scenes that its fit has not seen.
 
-Borders between all and nothing (a ceiling, a gate, a hidden sector) have no slope away from themselves: where a fit
-from elsewhere would feel no pull, it begins at values that are read off the measurement (`starts_of`).
-
 Effects with a number for each beam are held against the same with these numbers made smooth along the rows. A laser's
 gain, bias or elevation is its own affair: neighbours in the table need not agree. What the rows see (road below, walls
 and windows above) changes smoothly from row to row, and a simulator's wrong materials look like smooth gains.
@@ -10,11 +7,10 @@ and windows above) changes smoothly from row to row, and a simulator's wrong mat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -22,89 +18,14 @@ from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, best_starts, chann
 from jaxsim.discover.model.likelihood import rounded, rounding_gain
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.parameters import fitted_parameters
+from jaxsim.discover.name.starts import starts_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, p_value
 from jaxsim.effects import Law
-from jaxsim.effects.places import longest_run, spans_turn, within_turn
 from jaxsim.progress import Progress
 
-PAST_M = (0.02, 0.05, 0.1)
-"""How far past a border between lost and returned rays a gate may lie."""
-BIN_RAD = np.deg2rad(1.0)
-"""Width of the bins of azimuth in which a hidden sector is looked for."""
-TURN_BINS = 360
-"""Bins of a turn."""
-
-Start = dict[str, float]
 THREADS = 2
 """Effects fitted side by side."""
-
-
-def starts_of(problem: Problem) -> dict[str, tuple[Start, ...]]:
-    """Further starts of a fit, by effect."""
-    on_host = replace(problem, ev=jax.tree.map(np.asarray, problem.ev))
-    return {name: starts for name, read in STARTS.items() if (starts := read(on_host))}
-
-
-def _ceiling(problem: Problem) -> tuple[Start, ...]:
-    ev = problem.ev
-    values = ev.intensity[ev.returned]
-    if not len(values):
-        return ()
-    top = float(values.max())
-    # A ceiling clips: readings pile up right below it.
-    piled = np.mean(values > (1 - RULES.pile_within) * top) >= RULES.piled_share
-    return ({"ceiling": top},) if piled and top < 1 else ()
-
-
-def _gate(problem: Problem) -> tuple[Start, ...]:
-    ev = problem.ev
-    smooth = ev.rays.hit & ~ev.edge
-    r = ev.rays.range_m[smooth]
-    lost = ~ev.returned[smooth]
-    starts = []
-    for name, sign in (("minimum_m", 1.0), ("maximum_m", -1.0)):
-        # From the end at which rays are lost, the border lies where the log-likelihood ratio of `gate here` to `no
-        # gate` is largest: a cumulative sum.
-        order = np.argsort(sign * r)
-        # Nine of ten lost on one side, as against one of a hundred.
-        score = np.cumsum(np.where(lost[order], np.log(90.0), np.log(0.1)))
-        score = score[: int(np.argmax(score < -RULES.gate_nats)) or None]  # returns have begun
-        if len(score) and score.max() > RULES.gate_nats:
-            border = float(r[order][int(score.argmax())])
-            starts += [{name: border + sign * past} for past in PAST_M]
-    return tuple(starts)
-
-
-def _sector(problem: Problem) -> tuple[Start, ...]:
-    ev = problem.ev
-    closed = bool(spans_turn(problem.scan.grid))
-    hit = ev.rays.hit
-    azimuth_bin = np.floor((ev.rays.azimuth_rad[hit] + np.pi) / BIN_RAD).astype(int)
-    if closed:
-        azimuth_bin %= TURN_BINS
-    # A hidden sector is a run of bins in which nearly every ray is lost.
-    count = np.bincount(azimuth_bin)
-    lost = np.bincount(azimuth_bin, ~ev.returned[hit])
-    seen = np.flatnonzero(count)
-    hidden = lost[seen] > RULES.hidden_share * count[seen]
-    if not hidden.any():
-        return ()
-    run = longest_run(hidden, closed=closed)
-    # The border lies between the last bin that is seen and the first that is hidden.
-    ends = np.array([run[0] - 1, run[-1] + 1])
-    turn, place = np.divmod(np.stack([run[[0, -1]], ends if closed else np.clip(ends, 0, len(seen) - 1)]), len(seen))
-    low, high = (seen[place] + TURN_BINS * turn).mean(0).tolist()
-    width = (high - low) * BIN_RAD
-    middle = within_turn(((low + high + 1) / 2) * BIN_RAD - np.pi)
-    return tuple({"azimuth_rad": middle, "width_rad": share * width} for share in (0.7, 1.0, 1.4))
-
-
-STARTS: dict[str, Callable[[Problem], tuple[Start, ...]]] = {
-    "saturation": _ceiling,
-    "range_gate": _gate,
-    "sector_occlusion": _sector,
-}
 
 
 @dataclass(frozen=True)

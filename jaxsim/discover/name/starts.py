@@ -1,0 +1,162 @@
+"""Starts of fits that are read off the measurement.
+
+Borders between all and nothing (a ceiling, a gate, a hidden sector) have no slope away from themselves: where a fit
+from elsewhere would feel no pull, it begins at these. A border lies between the last ray that is hidden and the first
+that is not, and no frames know it better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.rules import RULES
+from jaxsim.effects.places import longest_run, spans_turn, within_turn
+
+LOST_NATS, RETURNED_NATS = np.log(90.0), np.log(0.1)
+"""What a ray says for being hidden, of which nine of ten are lost, as against one of a hundred of others."""
+PAST_M = (0.02, 0.05, 0.1)
+"""How far past a border between lost and returned rays a gate may lie."""
+BIN_RAD = np.deg2rad(1.0)
+"""Width of the bins of azimuth in which a hidden sector is looked for."""
+TURN_BINS = 360
+"""Bins of a turn."""
+
+Start = dict[str, float]
+
+
+def starts_of(problem: Problem) -> dict[str, tuple[Start, ...]]:
+    """Further starts of a fit, by effect."""
+    on_host = replace(problem, ev=jax.tree.map(np.asarray, problem.ev))
+    return {name: starts for name, read in STARTS.items() if (starts := read(on_host))}
+
+
+def _ceiling(problem: Problem) -> tuple[Start, ...]:
+    ev = problem.ev
+    values = ev.intensity[ev.returned]
+    if not len(values):
+        return ()
+    top = float(values.max())
+    # A ceiling clips: readings pile up right below it.
+    piled = np.mean(values > (1 - RULES.pile_within) * top) >= RULES.piled_share
+    return ({"ceiling": top},) if piled and top < 1 else ()
+
+
+def _gate(problem: Problem) -> tuple[Start, ...]:
+    ev = problem.ev
+    smooth = ev.rays.hit & ~ev.edge
+    r = ev.rays.range_m[smooth]
+    lost = ~ev.returned[smooth]
+    starts = []
+    for name, sign in (("minimum_m", 1.0), ("maximum_m", -1.0)):
+        # From the end at which rays are lost, the border lies where the log-likelihood ratio of `gate here` to `no
+        # gate` is largest: a cumulative sum.
+        order = np.argsort(sign * r)
+        score = np.cumsum(np.where(lost[order], LOST_NATS, RETURNED_NATS))
+        score = score[: int(np.argmax(score < -RULES.gate_nats)) or None]  # returns have begun
+        if len(score) and score.max() > RULES.gate_nats:
+            border = float(r[order][int(score.argmax())])
+            starts += [{name: border + sign * past} for past in PAST_M]
+    return tuple(starts)
+
+
+def _sector(problem: Problem) -> tuple[Start, ...]:
+    """Sectors in which nearly every ray is lost, of all rows and of those below the elevation up to which one is told
+    best."""
+    ev = problem.ev
+    hit = ev.rays.hit
+    azimuth, elevation, lost = ev.rays.azimuth_rad[hit], ev.rays.elevation_rad[hit], ~ev.returned[hit]
+    closed = bool(spans_turn(problem.scan.grid))
+    starts = _hidden(azimuth, lost, closed=closed)
+    below = _hidden_below(_bins(azimuth, closed=closed), elevation, lost)
+    if below is not None:
+        low = elevation < below
+        starts += tuple(start | {"below_rad": below} for start in _hidden(azimuth[low], lost[low], closed=closed))
+    return starts
+
+
+def _bins(azimuth: Float[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, " n"]:
+    bins = np.floor((azimuth + np.pi) / BIN_RAD).astype(int)
+    return bins % TURN_BINS if closed else bins
+
+
+def _hidden_below(
+    azimuth_bin: Int[np.ndarray, " n"], elevation: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"]
+) -> float | None:
+    """The elevation below which bins of azimuth are hidden most surely; None where it is no row's, or nothing is."""
+    rows, at = np.unique(elevation, return_inverse=True)
+    shape = (azimuth_bin.max(initial=0) + 1, len(rows))
+    # Rays and lost rays of each bin up to each elevation.
+    count, gone = (
+        np.cumsum(np.bincount(azimuth_bin * shape[1] + at, weights, shape[0] * shape[1]).reshape(shape), axis=1)
+        for weights in (np.ones(len(at)), lost)
+    )
+    nats = gone * LOST_NATS + (count - gone) * RETURNED_NATS
+    told = np.where(gone > RULES.hidden_share * count, nats, 0).sum(0)
+    best = int(told.argmax()) if len(told) else 0
+    if best + 1 >= len(told) or told[best] <= RULES.gate_nats:
+        return None
+    return float(rows[best : best + 2].mean())
+
+
+def _hidden(azimuth: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"], *, closed: bool) -> tuple[Start, ...]:
+    """The longest run of bins of azimuth in which nearly every ray is lost, up to the rays at its borders, and sectors
+    about as wide; nothing where no bin is hidden."""
+    azimuth_bin = _bins(azimuth, closed=closed)
+    count = np.bincount(azimuth_bin)
+    seen = np.flatnonzero(count)
+    hidden = np.bincount(azimuth_bin, lost)[seen] > RULES.hidden_share * count[seen]
+    if not hidden.any():
+        return ()
+    run = longest_run(hidden, closed=closed)
+    turn, place = np.divmod(run[[0, -1]], len(seen))
+    middle = ((seen[place] + TURN_BINS * turn).mean() + 0.5) * BIN_RAD - np.pi
+    away = within_turn(azimuth - middle) if closed else azimuth - middle
+    right = float(np.mean(_border(away[away >= 0], lost[away >= 0])))
+    left = -float(np.mean(_border(-away[away < 0], lost[away < 0])))
+    width = right - left
+    middle = within_turn(middle + (left + right) / 2)
+    return tuple({"azimuth_rad": middle, "width_rad": share * width} for share in (0.7, 1.0, 1.4))
+
+
+def _border(away: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"]) -> tuple[float, float]:
+    """The last place that is likelier hidden than not, on the way outward, and the next one."""
+    if not len(away):
+        return 0.0, 0.0
+    order = np.argsort(away)
+    last = away[order][np.cumsum(np.where(lost[order], LOST_NATS, RETURNED_NATS)).argmax()]
+    beyond = away[away > last]
+    return float(last), float(beyond.min() if len(beyond) else last)
+
+
+def sector_between(problem: Problem, values: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Between which values the parameters of a hidden sector lie, by the rays next to its borders."""
+    ev = jax.tree.map(np.asarray, problem.ev)
+    hit = ev.rays.hit
+    lost = ~ev.returned[hit]
+    up = ev.rays.elevation_rad[hit] - float(values["below_rad"])
+    away = within_turn(ev.rays.azimuth_rad[hit] - float(values["azimuth_rad"]))
+    low, inside = up < 0, np.abs(away) < float(values["width_rad"]) / 2
+    right = _border(away[low & (away >= 0)], lost[low & (away >= 0)])
+    left = _border(-away[low & (away < 0)], lost[low & (away < 0)])
+    # What lies lowest comes first.
+    top = _border(ev.rays.elevation_rad[hit][inside], lost[inside])
+    middle = float(values["azimuth_rad"])
+    return {
+        "azimuth_rad": (middle + (right[0] - left[1]) / 2, middle + (right[1] - left[0]) / 2),
+        "width_rad": (right[0] + left[0], right[1] + left[1]),
+        "below_rad": top if top[1] > top[0] else (top[0], np.pi / 2),
+    }
+
+
+STARTS: dict[str, Callable[[Problem], tuple[Start, ...]]] = {
+    "saturation": _ceiling,
+    "range_gate": _gate,
+    "sector_occlusion": _sector,
+}

@@ -1,0 +1,101 @@
+"""Starts and borders that are read off the measurement."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.name.starts import sector_between, starts_of
+from tests.discover.toy import toy
+
+
+@pytest.fixture(scope="module")
+def problem(evidence, scan):
+    problem, _ = fit_null(scan, evidence, np.ones(6, np.float32))
+    return problem
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return toy()[0]
+
+
+def changed(problem, **fields):
+    return replace(problem, ev=problem.ev.replace(**{k: jnp.asarray(v) for k, v in fields.items()}))
+
+
+def test_nothing_to_read(problem):
+    assert starts_of(problem) == {}
+
+
+def test_a_ceiling_is_where_readings_pile_up(problem):
+    ev = problem.ev
+    top = float(np.quantile(np.asarray(ev.log_intensity)[np.asarray(ev.returned)], 0.95))
+    found = starts_of(changed(problem, log_intensity=np.minimum(ev.log_intensity, top)))
+    assert found["saturation"][0]["ceiling"] == pytest.approx(np.exp(top), rel=1e-4)
+
+
+def test_a_gate_is_the_nearest_return(problem):
+    ev = problem.ev
+    near = np.asarray(ev.rays.range_m) < 7.0
+    assert (near & np.asarray(ev.rays.hit)).sum() >= 5
+    found = starts_of(changed(problem, returned=np.asarray(ev.returned) & ~near))
+    assert 6.5 <= found["range_gate"][0]["minimum_m"] < 8.0
+    assert all("maximum_m" not in start for start in found["range_gate"])
+
+
+def test_a_hidden_sector_is_where_all_frames_lose(problem):
+    ev = problem.ev
+    azimuth = np.asarray(ev.rays.azimuth_rad)
+    found = starts_of(changed(problem, returned=np.asarray(ev.returned) & (np.abs(azimuth - 0.8) > 0.3)))
+    widths = [start["width_rad"] for start in found["sector_occlusion"]]
+    assert found["sector_occlusion"][0]["azimuth_rad"] == pytest.approx(0.8, abs=0.15)
+    assert min(widths) < 0.6 < max(widths)
+
+
+def test_a_hidden_sector_ends_where_rows_above_it_return(problem):
+    ev = problem.ev
+    elevation = np.asarray(ev.rays.elevation_rad)
+    rows = np.unique(elevation)
+    hidden = (np.abs(np.asarray(ev.rays.azimuth_rad) - 0.8) <= 0.3) & (elevation < rows[len(rows) // 2])
+    found = starts_of(changed(problem, returned=np.asarray(ev.returned) & ~hidden))["sector_occlusion"]
+    low = [start for start in found if "below_rad" in start]
+    assert low
+    assert low[0]["azimuth_rad"] == pytest.approx(0.8, abs=0.15)
+    assert low[0]["below_rad"] == pytest.approx(rows[len(rows) // 2 - 1 : len(rows) // 2 + 1].mean(), abs=1e-5)
+
+
+@pytest.mark.parametrize("after", [5, 14])
+def test_a_hidden_sector_behind_the_car_is_one(problem, after):
+    """Two of the fifteen columns: 5 and 6, or on both sides of the seam 14 and 0."""
+    step = 2 * np.pi / 15
+    middle = np.pi - step / 8 - (after + 0.5) * step
+    off = np.angle(np.exp(1j * (np.asarray(problem.ev.rays.azimuth_rad) - middle)))
+    ended = starts_of(changed(problem, returned=np.asarray(problem.ev.returned) & (np.abs(off) > 0.3)))
+    start = ended["sector_occlusion"][1]
+    assert -np.pi <= start["azimuth_rad"] <= np.pi
+    assert abs(np.angle(np.exp(1j * (start["azimuth_rad"] - middle)))) < 0.03
+    assert start["width_rad"] == pytest.approx(2 * step, abs=0.05)
+
+
+def test_a_sector_is_known_to_the_rays_beside_its_borders(problem):
+    """Its values lie anywhere between the last ray that is hidden and the first that is not."""
+    ev = problem.ev
+    azimuth, elevation = np.asarray(ev.rays.azimuth_rad), np.asarray(ev.rays.elevation_rad)
+    rows = np.unique(elevation)
+    low = float(rows[8:10].mean())
+    hidden = (np.abs(azimuth - 0.8) <= 0.3) & (elevation < low)
+    lost = changed(problem, returned=np.asarray(ev.returned) & ~hidden)
+    values = {"azimuth_rad": 0.82, "width_rad": 0.58, "below_rad": low}
+    between = sector_between(lost, values)
+    columns = np.unique(azimuth)
+    inside = columns[np.abs(columns - 0.8) <= 0.3]
+    outside = columns[columns < inside[0]].max(), columns[columns > inside[-1]].min()
+    assert between["below_rad"] == pytest.approx((rows[8], rows[9]), abs=1e-6)
+    assert between["width_rad"] == pytest.approx((inside[-1] - inside[0], outside[1] - outside[0]), abs=1e-5)
+    middles = (inside[0] + outside[1]) / 2, (outside[0] + inside[-1]) / 2
+    assert between["azimuth_rad"] == pytest.approx((min(middles), max(middles)), abs=1e-5)
+    everywhere = changed(problem, returned=np.asarray(ev.returned) & (np.abs(azimuth - 0.8) > 0.3))
+    assert sector_between(everywhere, values | {"below_rad": np.pi / 2})["below_rad"][1] == pytest.approx(np.pi / 2)
