@@ -189,10 +189,11 @@ def focal(ray):
     return {"log_intensity": np.log(np.exp(ray["log_intensity"]) + more) - ray["log_intensity"]}
 
 
-def at_edge(ray, share):
-    apart = np.abs(np.minimum(ray["beside_m"], 1e6) - ray["range_m"][:, None]).max(1)
+def at_edge(ray, share, across):
+    apart = np.abs(np.minimum(ray["beside_m"], 1e6) - ray["range_m"][:, None])
     least = np.maximum(0.3, share * ray["range_m"])
-    return np.where(ray["hit"], 1 / (1 + (least / np.maximum(apart, 1e-3)) ** 20), 0)
+    step = 1 / (1 + np.float64(least[:, None] / np.maximum(apart, 1e-3)) ** 20)
+    return np.where(ray["hit"], np.maximum(step[:, :2].max(1), across * step[:, 2:].max(1)), 0)
 
 
 def faint(ray):
@@ -236,7 +237,8 @@ ORACLES = {
     "snr_dropout": ({"threshold": -5.0, "width": 0.7, "limit": 0.4, "zero_loss": 0.6}, faint),
     "random_dropout": ({"probability": 0.3}, lambda r: keep(0.3)),
     "material_dropout": ({"probability": CLASS}, lambda r: keep(CLASS[r["semantic"]])),
-    "edge_dropout": ({"probability": 0.4, "share": 0.2}, lambda r: keep(0.4 * at_edge(r, 0.2))),
+    "edge_dropout": ({"probability": 0.4, "share": 0.2, "across_rows": 0.3},
+                     lambda r: keep(0.4 * at_edge(r, 0.2, 0.3))),
     "range_gate": ({"minimum_m": 10.0, "maximum_m": 50.0},
                    lambda r: {"log_keep": np.where((r["range_m"] < 9.8) | (r["range_m"] > 51), -30, 0)}),
     "sector_occlusion": ({"azimuth_rad": 0.3, "width_rad": 0.6, "below_rad": LOW},

@@ -26,11 +26,13 @@ def at_edge(rays: Rays) -> Bool[Array, "*n"]:
 
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
-    """Loses echoes at depth steps with one probability. Makers differ in what a step is, so that is a parameter; its
-    border is soft, for only then has it a derivative."""
-    apart = jnp.abs(jnp.minimum(rays.beside_m, FAR_M) - rays.range_m[..., None]).max(-1)
+    """Loses echoes at depth steps with one probability. Makers differ in what a step is, and whether the rows above and
+    below are looked at, so these are parameters; the border is soft, for only then has it a derivative."""
+    apart = jnp.abs(jnp.minimum(rays.beside_m, FAR_M) - rays.range_m[..., None])
     least = jnp.maximum(p["share"] * rays.range_m, STEP_M)
-    at = jax.nn.sigmoid(SHARPNESS * jnp.log(jnp.maximum(apart, 1e-3) / least))
+    steps = jax.nn.sigmoid(SHARPNESS * jnp.log(jnp.maximum(apart, 1e-3) / least[..., None]))
+    along, across = steps[..., :2].max(-1), steps[..., 2:].max(-1)
+    at = jnp.maximum(along, p["across_rows"] * across)
     return lose(rays, jnp.where(rays.hit, p["probability"] * at, jnp.zeros_like(at)))
 
 
@@ -38,10 +40,14 @@ EFFECT = Effect(
     name="edge_dropout",
     stage="detection",
     title="returns are lost at depth steps",
-    formula="keep *= 1 − probability where a neighbour is > 0.3 m and > share · r away, or hits nothing",
+    formula="keep *= 1 − probability where a neighbour is > 0.3 m and > share · r away, or hits nothing; between rows "
+    "keep *= 1 − across_rows · probability",
     parameters={
         "probability": Parameter(0.0, 0.0, 0.95, "", "share of echoes lost at edges", scale=0.2),
         "share": Parameter(STEP_SHARE, 0.01, 0.8, "", "least step that is an edge, over the range", scale=0.1),
+        "across_rows": Parameter(
+            1.0, 0.0, 1.0, "", "what steps to the rows above and below count, over those along the row", scale=0.3
+        ),
     },
     channels=("drop",),
     signature="Returns are missing beside depth steps, and nowhere else.",
@@ -55,5 +61,5 @@ EFFECT = Effect(
     source="SICK LMS4000 operating instructions (8023198, 2018), Edge filter: readings are removed where the distance "
     "to a neighbour exceeds a limit",
     apply=apply,
-    starts=({"probability": 0.05}, {"probability": 0.3, "share": 0.25}),
+    starts=({"probability": 0.05}, {"probability": 0.3, "share": 0.25}, {"probability": 0.3, "across_rows": 0.2}),
 )
