@@ -214,7 +214,7 @@ class Rules:
     curve_simpler: float = 0.5
     """... but only as much with fewer numbers than this share of theirs. Set on three offsets of every second row."""
     curve_pieces: int = 3
-    """... and only `nearly_share` of it where so many effects of its channel piece it together."""
+    """... and no more than so many effects of its channel where its law leaves none of them anything to say."""
     shape_price: float = 0.1
     """Each number of a curve's shape (line, step, wave) counts like this share of what the shape leaves unexplained."""
     shape_unlike: float = 0.6

@@ -28,7 +28,7 @@ from jaxsim.discover.explain import (
     without_classes,
 )
 from jaxsim.discover.find import Dependences, find_dependences
-from jaxsim.discover.law.learn import curve_form
+from jaxsim.discover.law.learn import curve_form, leaves_nothing
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, made_by, missing, range_noise_grows
 from jaxsim.discover.look_alikes import with_look_alikes
@@ -126,6 +126,7 @@ def discover(
         without=without,
         exchanged=exchanged,
         noise_grows=cache(partial(range_noise_grows, comparison)),
+        leaves_nothing=partial(leaves_nothing, null),
         log=log,
     )
 

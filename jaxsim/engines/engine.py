@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import read_json
 
+LOSSES = ("random_dropout", "random_loss", "snr_dropout", "material_dropout", "beam_dropout", "edge_dropout")
+"""Effects, and the level, by which echoes are lost."""
 _DIGITS = 1e-4
 """By how much of it a number of verdict.json, which keeps six digits, may miss that of sensor.json."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.engine import Engine, FittedSensor, Setting, limits_of_range, mean_bias, noise_of_range
+from jaxsim.engines.engine import LOSSES, Engine, FittedSensor, Setting, limits_of_range, mean_bias, noise_of_range
 
 _RETRO = (
     "intensity is the number laser_retro of the visual that a ray hits, whatever range and angle: set it by surface, "
@@ -23,7 +23,7 @@ INSTEAD = {
         ),
         _RETRO,
     ),
-    **dict.fromkeys(("random_dropout", "random_loss", "snr_dropout", "material_dropout", "edge_dropout"), _DROP),
+    **dict.fromkeys(LOSSES, _DROP),
     "beam_elevation_error": "vertical samples lie evenly between min_angle and max_angle; several sensors of few "
     "samples come nearer",
     "motion_distortion": "a scan is rendered at one moment; several sensors of a sector each, at different times, come "

@@ -34,6 +34,8 @@ INSTEAD = {
     "random_dropout": "returns are lost by their power alone; drop points at random behind the sensor",
     "random_loss": "returns are lost by their power alone; drop points at random behind the sensor",
     "material_dropout": "returns are lost by their power alone; drop by class behind the sensor",
+    "beam_dropout": "returns are lost by their power alone; leave a dead beam's emitters out, drop the others by row "
+    "behind the sensor",
     "snr_dropout": "minReflectance at minReflectionRangeM is its threshold, in its own power budget: set it so that a "
     "surface which half returns at a range does so there",
     "range_offset": "take it off each emitter's distanceCorrectionM, which the sensor takes off again",

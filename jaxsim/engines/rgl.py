@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from jaxsim.effects.catalogue.range_falloff import REFERENCE_M
-from jaxsim.engines.engine import Engine, FittedSensor, Setting, mean_bias
+from jaxsim.engines.engine import LOSSES, Engine, FittedSensor, Setting, mean_bias
 
 _TEXTURE = (
     "intensity is the value of the mesh's texture (rgl_entity_set_intensity_texture), whatever range and angle: write "
@@ -26,7 +26,7 @@ INSTEAD = {
         ),
         _TEXTURE,
     ),
-    **dict.fromkeys(("random_dropout", "random_loss", "snr_dropout", "material_dropout", "edge_dropout"), _DROP),
+    **dict.fromkeys(LOSSES, _DROP),
     "mixed_pixels": "rgl_node_raytrace_configure_beam_divergence casts several rays a beam, and returns of its first "
     "or last hit; points between two surfaces need a mean of hits behind the graph",
     "range_scale": "move points along their rays behind the graph; the noise node's mean is one number for all ranges",

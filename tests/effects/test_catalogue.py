@@ -138,6 +138,7 @@ def test_its_source_is_a_work_that_can_be_looked_up(name):
 
 CLASS = np.linspace(0, 0.5, 34)
 ROW = np.linspace(-0.1, 0.1, ROWS)
+LOSSES = np.linspace(0, 0.9, ROWS)
 FOCAL = np.linspace(2, 20, ROWS)
 
 
@@ -237,6 +238,7 @@ ORACLES = {
     "snr_dropout": ({"threshold": -5.0, "width": 0.7, "limit": 0.4, "zero_loss": 0.6}, faint),
     "random_dropout": ({"probability": 0.3}, lambda r: keep(0.3)),
     "material_dropout": ({"probability": CLASS}, lambda r: keep(CLASS[r["semantic"]])),
+    "beam_dropout": ({"probability": LOSSES}, lambda r: keep(LOSSES[r["row"]])),
     "edge_dropout": ({"probability": 0.4, "share": 0.2, "across_rows": 0.3},
                      lambda r: keep(0.4 * at_edge(r, 0.2, 0.3))),
     "range_gate": ({"minimum_m": 10.0, "maximum_m": 50.0},

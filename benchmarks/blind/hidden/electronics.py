@@ -119,6 +119,13 @@ def material_dropout(amount: float, rng: np.random.Generator, about: About) -> P
     return at("detection", lambda s: s.lose(look_up[s.semantic]), probability=known)
 
 
+def beam_dropout(amount: float, rng: np.random.Generator, about: About) -> Plan:
+    """One to three channels of the sensor are failing."""
+    lost = np.zeros(about.rows)
+    lost[rng.choice(about.rows, size=int(rng.integers(1, 4)), replace=False)] = min(1.0, amount * rng.uniform(0.9, 1.1))
+    return at("detection", lambda s: s.lose(lost[:, None]), probability=as_list(lost))
+
+
 def edge_dropout(amount: float, rng: np.random.Generator, about: About) -> Plan:
     def hook(s: State) -> None:
         s.lose(np.where(silhouette(s.range_m, s.grid.full_turn), amount, 0.0))
@@ -276,6 +283,7 @@ ELECTRONICS = {
     "snr_dropout": Effect(snr_dropout, DROP, "share of returns lost", 0.02, 0.6),
     "random_dropout": Effect(random_dropout, DROP, "probability", 0.0125, 0.9),
     "material_dropout": Effect(material_dropout, DROP, "probability", 0.1, 0.95),
+    "beam_dropout": Effect(beam_dropout, DROP, "probability", 0.05, 1.0),
     "edge_dropout": Effect(edge_dropout, DROP, "probability", 0.05, 0.95),
     "range_gate": Effect(range_gate, DROP, "share of returns gated", 0.01, 0.5),
     "sector_occlusion": Effect(sector_occlusion, DROP, "rad of width", 2 * DEGREE, 1.2),

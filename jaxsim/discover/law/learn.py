@@ -17,8 +17,9 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, Heights, fixed_basis, values_of, with_columns
-from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit
-from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit, in_place
+from jaxsim.discover.model.null import refit, refitted
+from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.name.unexplained import agreed, written_at
 from jaxsim.discover.rules import RULES
@@ -152,6 +153,18 @@ def learn(form: Form, problem: Problem, result: Fit) -> LearnedFit:
         without = np.stack(list(pool.map(left_out, masks)))
     values, sd = form.heights(result), jackknife_sd(without)
     return LearnedFit(replace(form.bare, values=_plain(values), sd=_plain(sd)), without, len(form.start))
+
+
+def leaves_nothing(
+    null: Problem, dependence: Dependence, curve: Candidate, effects: Sequence[Law], *, bar: float = RULES.bar_nats
+) -> bool:
+    """Whether none of the `effects` is accepted any more with the law of a free curve in place, fitted to all find
+    scenes."""
+    form = Form.of(null, dependence, curve)
+    start = to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1])
+    [law] = refit(null, [form.law], [start])
+    beside = refitted(in_place(null, [(law.effect, law.fit.z)]))
+    return not any(one.accepted(bar) for one in rank_effects(beside, effects))
 
 
 def _plain(numbers: Float[np.ndarray, " k"]) -> Numbers:

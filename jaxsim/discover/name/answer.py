@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Int
@@ -21,11 +22,14 @@ from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_cur
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.verdict import Nulls, Unexplained
-from jaxsim.effects import Effect
+from jaxsim.effects import Effect, Law
 from jaxsim.effects.effect import CHANNELS
 
 Along = tuple[str, str]
 """A free curve's channel and covariate."""
+
+LeavesNothing = Callable[[Dependence, Candidate, Sequence[Law]], bool]
+"""Whether the law of a free curve, in place, leaves effects nothing to say."""
 
 MUTUAL = "with the sides exchanged it is found as well"
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
@@ -64,6 +68,7 @@ def name_effects(
     without: Sequence[str] = (),
     exchanged: Callable[[], Exchanged] | None = None,
     noise_grows: Callable[[], bool] = lambda: True,
+    leaves_nothing: LeavesNothing = lambda dependence, curve, effects: False,
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
@@ -73,7 +78,8 @@ def name_effects(
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`.
     What a simulator with noise of its own says of the sensor, and the sensor of it, is passed over: `exchanged` gives
     the sides exchanged, and is asked where anything is found. Noise that grows as echoes weaken is said where that of
-    neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces.
+    neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces. `leaves_nothing` tells
+    whether a free curve's law leaves effects nothing to say.
     """
 
     def refuse(step: FittedStep) -> str:
@@ -97,12 +103,13 @@ def name_effects(
         raised = bars.effect > RULES.bar_nats
         choice = choose(null, catalogue, bars=bars, refuse=refuse, log=log) if raised else replace(choice, bars=bars)
     curves: list[Along] = []
-    answer = decide(null, choice, dependences, scene=scene, without=without)
+    decided = partial(decide, null, choice, dependences, scene=scene, without=without, leaves_nothing=leaves_nothing)
+    answer = decided()
     # The strongest may be mutual and the next one not: curves are struck off one by one.
     while exchanged and answer.curve and exchanged().has_curve(answer.choice.problem, *answer.curve):
         curves.append((answer.curve[0].channel, answer.curve[0].covariate))
         log(f"{in_words(curves[-1])}: found with the sides exchanged too: not said")
-        answer = decide(null, choice, dependences, scene=scene, without=without, but=curves)
+        answer = decided(but=curves)
     mutual = [name for name, why in choice.refused.items() if why == MUTUAL]
     return replace(
         answer,
@@ -139,6 +146,7 @@ def decide(
     scene: Int[np.ndarray, " b"],
     without: Sequence[str] = (),
     but: Sequence[Along] = (),
+    leaves_nothing: LeavesNothing = lambda dependence, curve, effects: False,
 ) -> Answer:
     """The answer, what is named in it, and what a free curve still finds.
 
@@ -148,7 +156,10 @@ def decide(
     """
     free = asked(free_curves(null, dependences, without), but)
     curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
-    outside = curves[0] if curves and outdone(choice, *curves[0], numbers=curve_numbers(null, curves[0][0])) else None
+    outside = None
+    if curves:
+        more = outdone(choice, *curves[0], numbers=curve_numbers(null, curves[0][0]))
+        outside = curves[0] if more or pieced(choice, *curves[0], leaves_nothing) else None
     if outside:
         steps = tuple(step for step in choice.steps if stands(step, outside[0].channel))
         if not steps:
@@ -160,6 +171,16 @@ def decide(
     if not choice.steps:
         return Answer("none", choice, None)
     return named_answer(choice, scene=scene, without=without, but=but)
+
+
+def pieced(choice: Choice, dependence: Dependence, curve: Candidate, leaves_nothing: LeavesNothing) -> bool:
+    """Whether several effects of a channel piece together what a free curve says alone: with its law in place none of
+    them is accepted any more."""
+    of_channel = [step.chosen.effect for step in choice.steps if dependence.channel in step.chosen.effect.channels]
+    pieces = [effect for effect in of_channel if effect.name not in FINEST]
+    # To fit the law costs seconds: not where the curve says little of what they do.
+    much = curve.total >= RULES.weak_share * sum(step.chosen.total for step in choice.steps)
+    return len(pieces) >= RULES.curve_pieces and much and leaves_nothing(dependence, curve, pieces)
 
 
 def asked(curves: Sequence[tuple[Dependence, Candidate]], but: Sequence[Along]) -> list[tuple[Dependence, Candidate]]:
@@ -187,16 +208,12 @@ def named_answer(
 
 def outdone(choice: Choice, dependence: Dependence, curve: Candidate, *, numbers: int) -> bool:
     """Whether a free curve of so many numbers gains clearly more in its own channel (an effect may show in others
-    besides) than the effects that were chosen, or nearly as much as several: laws of one channel that only together
-    say what one curve says piece together a law that no catalogue holds. What a lattice of readings gains does not
-    count: it is no dependence on anything."""
+    besides) than the effects that were chosen. What a lattice of readings gains does not count: it is no dependence on
+    anything."""
     k = CHANNELS.index(dependence.channel)
     free = curve.gain[:, k]
     steps = [step for step in choice.steps if step.chosen.effect.name not in FINEST]
     named = sum((step.chosen.gain[:, k] for step in steps), np.zeros(len(free)))
-    pieces = sum(dependence.channel in step.chosen.effect.channels for step in steps)
-    if pieces >= RULES.curve_pieces:
-        return bool(clipped(free).sum() >= RULES.nearly_share * clipped(named).sum())
     simpler = numbers < RULES.curve_simpler * sum(step.chosen.numbers for step in steps)
     least = (1.0 if simpler else RULES.curve_factor) * max(clipped(named).sum(), 0.0) + RULES.curve_margin_nats
     much = clipped(free).sum() > least

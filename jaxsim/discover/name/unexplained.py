@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxsim.discover.covariates import (
     ALTERNATING,
@@ -105,7 +106,9 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
     y, band = curves.mean(0), fold_half_width(curves)
     # A knot counts for the rays about it; the 1 keeps knots without any from being free.
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
-    character, formula = shape_of(grid, y, weight, dependence=dependence)
+    # A few rays far off do not make a bend of the others a wave.
+    span = float(np.subtract(*np.quantile(x, [1 - OUTER, OUTER])))
+    character, formula = shape_of(grid, y, weight, dependence=dependence, span=span)
     name = NAMED.get(dependence.covariate, dependence.covariate)
     formula += f" (x: {X_WORDS.get(dependence.covariate, dependence.covariate)})"
     return Unexplained(
@@ -129,10 +132,12 @@ def written_at(x: np.ndarray, covariate: str) -> np.ndarray:
 
 LETTER = {"intensity": "Δ ln I", OFFSET: "Δ I", "range": "Δ r", "drop": "p(drop)"}
 """What a curve of each change is the height of."""
-CYCLES = np.arange(1.5, 8.01, 0.25)
+CYCLES = np.arange(2.0, 8.01, 0.25)
 """Cycles of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
 CYCLES_OF_TURN = np.arange(1.0, 8.5)
-"""The same of a curve that closes: what runs round the sensor once is a wave, too."""
+"""The same of a curve that closes, in a turn: what runs round the sensor once is a wave, too."""
+OUTER = 0.005
+"""Share of the rays at each end that do not count where waves are."""
 WHOLE = 0.9
 """Share of a turn from which on a curve over angles closes."""
 ANGLES = ("azimuth", "heading", "hue angle")
@@ -150,9 +155,12 @@ class _Shape:
     values: np.ndarray
 
 
-def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, dependence: Dependence) -> tuple[str, str]:
+def shape_of(
+    x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, dependence: Dependence, span: float | None = None
+) -> tuple[str, str]:
     """The character of a curve y(x) and its formula: the best of a line, a step and a wave by weighted least squares,
-    with a price for freedom; `other` where none comes near."""
+    with a price for freedom; `other` where none comes near. Nearly all rays lie within a `span` of x, by
+    default all of it."""
     if dependence.covariate == "class":
         top = np.argsort(-np.abs(y))[:3]
         return "other", ", ".join(f"{y[k]:+.3g} for class {int(x[k])}" for k in top)
@@ -167,7 +175,8 @@ def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, dependence: De
         return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
 
     closed = dependence.covariate in ANGLES and float(x[-1] - x[0]) > WHOLE * TURN
-    shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight, closed=closed)]
+    turns = CYCLES_OF_TURN if closed else CYCLES * TURN / (span or float(x[-1] - x[0]) or 1.0)
+    shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight, turns=turns)]
     best = min(shapes, key=unexplained)
     if unexplained(best) < RULES.shape_unlike:
         return best.character, f"{letter} ≈ {best.formula}"
@@ -189,13 +198,10 @@ def _steps(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> list[_Shape]:
     return shapes
 
 
-def _waves(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, closed: bool) -> list[_Shape]:
-    """A wave about a level for each number of cycles, its size and phase by least squares; of `closed` angles whole
-    numbers of cycles in a turn, one of them too."""
+def _waves(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, turns: Float[np.ndarray, " n"]) -> list[_Shape]:
+    """A wave about a level for each of so many rad per unit of x, its size and phase by least squares."""
     shapes = []
-    span = TURN if closed else float(x[-1] - x[0]) or 1.0
-    for cycles in CYCLES_OF_TURN if closed else CYCLES:
-        w = 2 * np.pi * cycles / span
+    for w in turns:
         design = np.stack([np.ones_like(x), np.sin(w * x), np.cos(w * x)], axis=1) * np.sqrt(weight)[:, None]
         beta = np.linalg.lstsq(design, y * np.sqrt(weight), rcond=None)[0]
         size = np.hypot(beta[1], beta[2])

@@ -8,6 +8,7 @@ CONTRIBUTING.md shows how to add one.
 from jaxsim.effects.catalogue import (
     ambient_light,
     atmospheric_extinction,
+    beam_dropout,
     beam_elevation_error,
     beam_gain,
     beam_range_bias,
@@ -80,6 +81,7 @@ EFFECTS: dict[str, Effect] = {
     "snr_dropout": snr_dropout.EFFECT,
     "random_dropout": random_dropout.EFFECT,
     "material_dropout": material_dropout.EFFECT,
+    "beam_dropout": beam_dropout.EFFECT,
     "edge_dropout": edge_dropout.EFFECT,
     "range_gate": range_gate.EFFECT,
     "sector_occlusion": sector_occlusion.EFFECT,

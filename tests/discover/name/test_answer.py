@@ -32,16 +32,40 @@ DEPENDENCE = {name: Dependence(name, "range", 0.01, 0.1, 50.0) for name in CHANN
         ([candidate("beam_gain", 8)], candidate("curve", 8.5), False),
         # What a lattice of readings gains is no dependence that a curve would have to beat.
         ([candidate("intensity_quantization", 4000)], candidate("curve", 8), True),
-        # Three laws that together gain what one curve does are pieces of it; of two channels they are not.
-        ([candidate("gamma_response", 8), candidate("saturation", 1)], candidate("curve", 9), False),
-        ([candidate("gamma_response", 8), *map(candidate, PIECES, (0.6, 0.4))], candidate("curve", 8.2), True),
-        ([candidate("gamma_response", 8), *map(candidate, PIECES, (0.6, 0.4))], candidate("curve", 8), False),
-        ([*map(candidate, PIECES, (8, 1)), candidate("random_dropout", 3, "drop")], candidate("curve", 9), False),
     ],
 )
 def test_a_curve_outdoes_only_what_it_explains_clearly_better(named, curve, outside):
     choice = Choice(tuple(map(step, named)), (), problem())
     assert answer.outdone(choice, DEPENDENCE["intensity"], curve, numbers=NUMBERS) is outside
+
+
+@pytest.mark.parametrize(
+    ("named", "leaves", "whole"),
+    [
+        ([candidate("gamma_response", 8), *map(candidate, PIECES, (1, 1))], True, False),
+        # Two are no pieces, nor are effects of other channels; and what still says something beside the curve is there.
+        ([candidate("gamma_response", 8), candidate("saturation", 2)], True, True),
+        ([*map(candidate, PIECES, (8, 1)), candidate("random_dropout", 1, "drop")], True, True),
+        ([candidate("gamma_response", 8), *map(candidate, PIECES, (1, 1))], False, True),
+        ([candidate("gamma_response", 18), *map(candidate, PIECES, (1, 1))], True, True),
+    ],
+)
+def test_three_effects_that_one_curve_leaves_nothing_to_say_are_its_pieces(named, leaves, whole, monkeypatch):
+    curve = candidate("curve", 8)
+    monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["intensity"], curve)])
+    monkeypatch.setattr(answer, "describe_curve", lambda *_: Unexplained("intensity", "range", "other", ""))
+    monkeypatch.setattr(answer, "localise", lambda *_: [])
+    monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))
+    monkeypatch.setattr(answer, "named_answer", lambda choice, **_: answer.Answer("named", choice, None))
+    monkeypatch.setattr(answer, "with_steps", lambda null, steps: problem())
+    said = answer.decide(
+        problem(),
+        Choice(tuple(map(step, named)), (), problem()),
+        [],
+        scene=np.arange(11),
+        leaves_nothing=lambda dependence, found, effects: leaves,
+    )
+    assert (len(said.choice.steps) == len(named)) is whole
 
 
 @pytest.fixture(autouse=True)

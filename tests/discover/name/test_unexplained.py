@@ -22,6 +22,15 @@ def test_a_curve_is_called_what_it_looks_like(y, character):
     assert shape_of(x, y(x), np.ones(40), dependence=Dependence("intensity", "range", 0.01, 0.1, 50.0))[0] == character
 
 
+def test_a_bend_over_nearly_all_rays_is_no_wave_for_a_few_far_off():
+    """Knots at the intensities of a street, one at that of its single darkest ray."""
+    x = np.array([-9.2, -2.8, -2.5, -2.3, -2.1, -1.8, -1.5, -1.2, -1.0, -0.8, -0.6, 0.0])
+    y = np.where(x < -9, 0.0, 0.38 * np.tanh(2 * (x + 1.1)))
+    along = Dependence("intensity", "intensity", 0.01, 0.1, 50.0)
+    assert shape_of(x, y, np.ones(12), dependence=along)[0] == "periodic"
+    assert shape_of(x, y, np.ones(12), dependence=along, span=2.8)[0] != "periodic"
+
+
 @pytest.mark.parametrize(
     ("strongest", "added"),
     [
