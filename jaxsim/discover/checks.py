@@ -196,8 +196,10 @@ def check_pairs(
     measured: Sequence[PolarImage],
     *,
     registered: Registration | None = None,
-) -> None:
-    """Raises ValueError where frames of the same name cannot show the same street through the same sensor: ranges
+) -> dict[str, str]:
+    """The single frames that are no pair, and why, by name.
+
+    Raises ValueError where frames of the same name cannot show the same street through the same sensor: ranges
     that differ by a factor, hardly a common return, too few rays that agree, or partners that fit each other's
     partner better. Where a common motion of the sensor makes the ranges agree (`registered`), they show one street."""
     # Every so manieth ray: shares of thousands of rays are known to a percent.
@@ -228,15 +230,25 @@ def check_pairs(
             "metres on both sides: correct the side that is in other units"
         )
     # Of a ray that ends before the surface (fog, rain) nothing can be said of the street.
-    not_beyond = float(np.median(same.near / np.maximum(same.near + same.beyond, 1e-9)))
-    if near < RULES.same_street and not_beyond < RULES.not_beyond:
+    not_beyond = same.near / np.maximum(same.near + same.beyond, 1e-9)
+    usual = float(np.median(not_beyond))
+    if near < RULES.same_street and usual < RULES.not_beyond:
         k = int(np.argsort(same.near)[len(names) // 2])
         raise ValueError(
             f"discover: frames of the same name do not show the same street: ranges agree (within {RULES.near_m:g} m "
             f"or {100 * RULES.near_share:g} %) on {100 * same.near[k]:.0f} % of the rays that return on both sides of "
             f"{names[k]} and of half the frames{_as_registered(registered)}; {ADVICE}"
         )
-    _check_partners(names, ours, theirs, hit=hit, back=back, agreed=agreed)
+    # A single frame is of another street by the same signs, clearly unlike most: fog in one frame is not beyond either.
+    strange = (agreed < min(RULES.same_street, near - RULES.better_partner)) & (
+        not_beyond < usual - RULES.better_partner
+    )
+    alone = {
+        names[k]: f"the ranges of {names[k]} agree on {100 * agreed[k]:.0f} % of the rays, the median frame's on "
+        f"{100 * near:.0f} %: its two sides do not show the same street"
+        for k in np.flatnonzero(strange).tolist()
+    }
+    return alone | _others_partners(names, ours, theirs, hit=hit, back=back, agreed=agreed)
 
 
 def _as_registered(registered: Registration | None) -> str:
@@ -253,7 +265,7 @@ def _thinned(side: Sequence[PolarImage], stride: int) -> tuple[Float[np.ndarray,
     return range_m, valid
 
 
-def _check_partners(
+def _others_partners(
     names: Sequence[str],
     ours: Float[np.ndarray, "f rays"],
     theirs: Float[np.ndarray, "f rays"],
@@ -261,8 +273,9 @@ def _check_partners(
     hit: Bool[np.ndarray, "f rays"],
     back: Bool[np.ndarray, "f rays"],
     agreed: Float[np.ndarray, " f"],
-) -> None:
-    """Raises ValueError where most measured frames fit another simulated frame clearly better than their own."""
+) -> dict[str, str]:
+    """Measured frames that fit another simulated frame clearly better than their own, in words. Raises ValueError where
+    most do."""
     # Against a choice of the others: each against all would grow with the square of the frames.
     others = np.unique(np.linspace(0, len(names) - 1, OTHERS).round().astype(int))
     # A partner that fits clearly better: names that are shifted by one frame pass all other tests.
@@ -279,3 +292,8 @@ def _check_partners(
             f"{100 * share[k]:.0f} % of the rays, with simulated {names[k]} on {100 * agreed[k]:.0f} %, and so for "
             f"{wrong.sum()} of {len(names)} frames; give the files of one moment the same name on both sides"
         )
+    return {
+        names[k]: f"measured {names[k]} agrees with simulated {names[best[k]]} on {100 * share[k]:.0f} % of the rays, "
+        f"with simulated {names[k]} on {100 * agreed[k]:.0f} %; give the files of one moment the same name"
+        for k in np.flatnonzero(wrong).tolist()
+    }

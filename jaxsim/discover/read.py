@@ -97,17 +97,22 @@ class Rest:
 
 
 def read_comparison(simulated: Path, measured: Path) -> Comparison:
-    """Reads the frames that two folders of polar frames share.
+    """Reads the frames that two folders of polar frames share. Single ones that are no pair are left out, and a note
+    names them.
 
-    Raises ValueError where the grids differ, no names are shared, values have wrong units, frames are empty or do not
-    show the same street, rasters are given for some frames only, or both folders hold the same readings.
+    Raises ValueError where the grids differ, no names are shared, values have wrong units, frames are empty or most do
+    not show the same street, rasters are given for some frames only, or both folders hold the same readings.
     """
-    simulated, measured = Path(simulated), Path(measured)
+    return _read_pairs(Path(simulated), Path(measured), left_out={})
+
+
+def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str]) -> Comparison:
+    """The frames that two folders share but for those that are `left_out`, and why, by name."""
     predicted = open_polar_frames(simulated)
     recorded = open_polar_frames(measured)
     grid = predicted.grid
     check_one_grid(predicted, recorded)
-    names = sorted({*predicted.names} & {*recorded.names})
+    names = sorted(({*predicted.names} & {*recorded.names}) - {*left_out})
     if not names:
         raise ValueError(
             f"discover: no frame of {simulated} ({', '.join(predicted.names[:3])} ...) has the name of one of "
@@ -133,9 +138,12 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     recording = _measured(sensed)
     # Before anything is compared: sides that stand apart would fail every check for other reasons.
     registration = register(scan, recording.range_m, recording.valid, scenes=scenes)
-    check_pairs(names, images, sensed, registered=registration)
+    if no_pairs := check_pairs(names, images, sensed, registered=registration):
+        # What was asked with them (where the sensor stands, which frames are read) is asked again without them.
+        return _read_pairs(simulated, measured, left_out={**left_out, **no_pairs})
     all_or_none(simulated, names, extra)
-    notes = [*unpartnered(predicted.names, recorded.names), *constant_intensity(images, sensed)]
+    notes = [*(f"left out: {why}" for _, why in sorted(left_out.items()))]
+    notes += [*unpartnered(predicted.names, recorded.names), *constant_intensity(images, sensed)]
     if rest.names:
         notes.append(
             f"{len(names)} of {len(shared)} frames were compared, spread evenly over {len(set(scenes))} scenes"

@@ -86,7 +86,7 @@ class Rules:
     related_rays: int = 3
     """Rays from which a surface's mean is taken."""
     better_partner: float = 0.1
-    """By how much larger a share of its rays another frame must agree with to be the true partner."""
+    """Share of rays by which agreement is clearly better with another frame, or that of most frames clearly better."""
 
     # Compare: readings that say something of a reflectance or a distance.
     compared_below_rad: float = math.radians(80.0)

@@ -27,13 +27,13 @@ def case(tmp_path_factory):
 
 
 def test_pairs_of_one_street_pass(case):
-    check_pairs(*case)
+    assert check_pairs(*case) == {}
 
 
 @pytest.mark.parametrize("effect", ["extrinsic_rotation", "motion_distortion", "precipitation_clutter", "range_scale"])
 def test_strong_effects_pass(tmp_path, effect):
     make_case(tmp_path / "case", effect=effect, severity=4.0, **SMALL)
-    check_pairs(*sides(tmp_path / "case"))
+    assert check_pairs(*sides(tmp_path / "case")) == {}
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6])
@@ -45,7 +45,24 @@ def test_dense_fog_passes(case, share):
         early = rng.random(image.valid.shape) < share
         fog_m = rng.uniform(0.5, 3, image.valid.shape).astype(np.float32)
         foggy.append(image.replace(range_m=np.where(early, np.minimum(fog_m, image.range_m), image.range_m)))
-    check_pairs(names, ours, foggy)
+    assert check_pairs(names, ours, foggy) == {}
+    # In fog in one frame alone as well.
+    assert check_pairs(names, ours, [*foggy[:1], *theirs[1:]]) == {}
+
+
+def test_two_frames_under_each_others_names_are_told_with_their_true_partners(case):
+    names, ours, theirs = case
+    found = check_pairs(names, ours, [theirs[1], theirs[0], *theirs[2:]])
+    assert set(found) == {names[0], names[1]}
+    assert f"measured {names[0]} agrees with simulated {names[1]} on" in found[names[0]]
+
+
+def test_a_single_frame_of_another_street_is_told(case):
+    names, ours, theirs = case
+    mirrored = theirs[2].replace(**{k: getattr(theirs[2], k)[:, ::-1] for k in ("range_m", "intensity", "valid")})
+    found = check_pairs(names, ours, [*theirs[:2], mirrored, *theirs[3:]])
+    assert set(found) == {names[2]}
+    assert "do not show the same street" in found[names[2]]
 
 
 @pytest.mark.parametrize("by", [1, 2, 5])

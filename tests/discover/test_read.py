@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.blind.hidden.case import make_case
 from jaxsim.data.polar_frames import read_frame, write_frame, write_grid
 from jaxsim.discover import read
 from jaxsim.discover.read import Comparison, Division, read_comparison, read_part, same_surfaces
@@ -36,6 +37,20 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
             write_frame(tmp_path / side, f"f{k}", image)
         write_grid(tmp_path / side, GRID, frames={f"f{k}": {"scene": f"s{k}", "time": 2.0 * k} for k in range(3)})
     return tmp_path / "simulated", tmp_path / "measured"
+
+
+def test_single_frames_that_are_no_pair_are_left_out_and_told(tmp_path):
+    make_case(tmp_path / "case", effect="none", seed=11, scenes=6, rows=16, columns=96)
+    simulated, measured = tmp_path / "case/simulated", tmp_path / "case/measured"
+    first, second, *rest = sorted(measured.glob("*.npz"))
+    first.rename(measured / "kept.npz")
+    second.rename(first)
+    (measured / "kept.npz").rename(second)
+    found = read_comparison(simulated, measured)
+    assert found.names == tuple(path.stem for path in rest)
+    told = [note for note in found.notes if note.startswith("left out: measured")]
+    assert len(told) == 2
+    assert f"measured {first.stem} agrees with simulated {second.stem}" in told[0]
 
 
 def change_grid(folder: Path, **new) -> None:
