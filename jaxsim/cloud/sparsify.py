@@ -18,7 +18,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array, Cloud, PolarGrid
-from jaxsim.geometry import azimuth_of, column_of, rows_of, scatter_nearest, with_neighbours
+from jaxsim.geometry import azimuth_of, cell_column, rows_of, scatter_nearest, with_neighbours
 
 Winner = Literal["nearest", "last"]
 
@@ -132,10 +132,9 @@ def _even_cell(xyz: Float[Array, "*b n 3"], cells: EvenLines) -> tuple[Int[Array
 
 def _beam_cell(xyz: Float[Array, "*b n 3"], grid: PolarGrid) -> tuple[Int[Array, "*b n"], Int[Array, "*b n"]]:
     """The beam that passes nearest and the column; -1 or too large for points more than half a step outside."""
-    # Columns of a grid are whole at their centres.
-    column = jnp.floor(column_of(azimuth_of(xyz[..., 0], xyz[..., 1]), grid) + 0.5)
+    column = cell_column(azimuth_of(xyz[..., 0], xyz[..., 1]), grid)
     # Points nearer to the neighbours lie outside the sensor's beams; the first of them is the neighbour above.
-    return rows_of(xyz, with_neighbours(grid)) - 1, column.astype(jnp.int32)
+    return rows_of(xyz, with_neighbours(grid)) - 1, column
 
 
 def _scatter_last(

@@ -4,6 +4,7 @@ then reports; read from and written to sensor.json."""
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -249,6 +250,7 @@ class SensorModel:
                 check_keys(entry, ("name", "parameters", "from", "where"), where=f"effect {entry['name']}")
             entries = [(entry["name"], _plain(entry.get("parameters", {}))) for entry in content["effects"]]
             levels = {name: real(value) for name, value in content.get("levels", {}).items()}
+            twice = [name for name, count in Counter(name for name, _ in entries).items() if count > 1]
             origins = {entry["name"]: entry.get("from") for entry in content["effects"]}
             given = [dict(entry) for entry in content.get("learned", [])]
             parts = {entry["name"]: entry["where"] for entry in content["effects"] if "where" in entry}
@@ -256,6 +258,11 @@ class SensorModel:
             raise ValueError(
                 f'sensor: {path} is not {{"effects": [{{"name": ..., "parameters": {{...}}}}, ...]}} ({_said(error)})'
             ) from error
+        if twice:
+            raise ValueError(
+                f"sensor: {path} lists {twice[0]} more than once; an effect stands once, with one `where`: keep one, "
+                "or write an effect of your own for the other (`jaxsim effects new`)"
+            )
         try:
             for name, origin in origins.items():
                 check_origin(name, origin)

@@ -20,6 +20,7 @@ from jaxsim.geometry.normals import incidence, known_or_right, network_incidence
 from jaxsim.geometry.points import turned_points
 from jaxsim.geometry.polar import (
     azimuth_of,
+    cell_column,
     column_of,
     directions,
     pad_cloud,
@@ -45,6 +46,7 @@ __all__ = [
     "camera_from_projection",
     "camera_rows",
     "camera_window",
+    "cell_column",
     "column_of",
     "crop_camera",
     "directions",

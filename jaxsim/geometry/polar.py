@@ -64,12 +64,12 @@ def azimuth_of(x: Float[Array, "*b"], y: Float[Array, "*b"]) -> Float[Array, "*b
     return jnp.where(y < 0, -angle, angle)
 
 
-def _cell_column(azimuth_rad: Float[Array, "*b n"], grid: PolarGrid) -> Int[Array, "*b n"]:
+def cell_column(azimuth_rad: Float[Array, "*b n"], grid: PolarGrid) -> Int[Array, "*b n"]:
     """Whole column; outside the window it is negative or too large."""
     column = jnp.floor(column_of(azimuth_rad, grid) + 0.5).astype(jnp.int32)
-    # Rounding must not push the last azimuth before the cut out of a grid that spans the turn.
+    # Rounding must not push azimuths beside the cut out of a grid that spans the turn, on neither side.
     turn = jnp.round(2 * jnp.pi / _step_rad(grid)).astype(jnp.int32)
-    return jnp.where(column == turn, 0, column)
+    return jnp.where((column == -1) | (column == turn), jnp.mod(column, turn), column)
 
 
 @partial(jax.jit, static_argnames="shape")
@@ -131,7 +131,7 @@ def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Arra
     # Padding lies at the origin, where the root has no derivative.
     range_m = jnp.sqrt(jnp.where(square > 0, square, jnp.ones_like(square)))
     range_m = jnp.where(square > 0, range_m, jnp.zeros_like(square))
-    column = _cell_column(azimuth_of(x, y), grid)
+    column = cell_column(azimuth_of(x, y), grid)
     winner, valid = scatter_nearest(range_m, row, column, inside=inside, shape=(rows, columns))
     flat = winner.reshape(*winner.shape[:-2], rows * columns)
 

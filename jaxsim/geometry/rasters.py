@@ -29,11 +29,16 @@ def check_shapes(view: CameraFrame, where: str) -> None:
     """Checks shapes and types alone of a view's rasters, or of a batch's, traced ones too; `where` begins the errors.
 
     Raises ValueError where the image is not (h, w, 3) of 8 bits, depth and labels are not (h, w) of the same size, or
-    are of another kind: depth is real numbers, its mask true or false, labels are whole numbers.
+    are of another kind: depth is real numbers, its mask true or false, labels are whole numbers; where there is no
+    pixel, and as `check_array`.
     """
+    for name in ("rgb", "depth_m", "depth_valid", "semantic", "instance"):
+        check_array(getattr(view, name), f"{where}: {name}")
     rgb = np.shape(view.rgb)
     if len(rgb) < 3 or rgb[-1] != 3:
         raise ValueError(f"{where}: rgb is {_times(rgb)}; {_mend_image(rgb)}")
+    if 0 in rgb:
+        raise ValueError(f"{where}: rgb is {_times(rgb)}, without a pixel; give one view or more")
     kind = _kind(view.rgb)
     if kind != np.uint8:
         raise ValueError(
@@ -52,6 +57,21 @@ def check_shapes(view: CameraFrame, where: str) -> None:
         # Eight bits of depth are a picture of it.
         if kind.kind not in kinds or (name == "depth_m" and kind == np.uint8):
             raise ValueError(f"{where}: {name} holds {kind}; {wanted}")
+
+
+def check_array(raster: Any, what: str) -> None:
+    """Raises ValueError, beginning with `what`, for arrays that a compiled program would read as others: masked ones,
+    which lose their mask, and those whose bytes are in the order of another machine."""
+    if isinstance(raster, np.ma.MaskedArray):
+        raise ValueError(
+            f"{what} is a masked array, and its mask would be lost; give {what.split()[-1]}.filled(0), with 0 where "
+            "there is nothing"
+        )
+    if isinstance(raster, np.ndarray) and not raster.dtype.isnative:
+        raise ValueError(
+            f"{what} holds {raster.dtype.str}, bytes in the order of another machine; take "
+            ".astype(array.dtype.newbyteorder('='))"
+        )
 
 
 def check_rasters(view: CameraFrame, where: str, *, may_be_empty: bool = False) -> None:

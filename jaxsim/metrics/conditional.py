@@ -91,11 +91,14 @@ def conditional_intensity(
 ) -> dict[str, ConditionalDistance]:
     """Distances between two tables: `intensity` over all rays alike, then given class, range, incidence, all.
 
-    `classes` False where the frames have none: then `all` is range and incidence. Raises ValueError where a side has
-    no return.
+    `classes` False where the frames of a side have none: then `all` is range and incidence. Raises ValueError where a
+    side has no return.
     """
     a = np.asarray(simulated, np.float64)
     b = np.asarray(measured, np.float64)
+    if not classes:
+        # The side that has them would lie in other bins than the one without.
+        a, b = a.sum(0, keepdims=True), b.sum(0, keepdims=True)
     if not (a.sum() and b.sum()):
         raise ValueError("conditional: a set has no returns")
     distances = {"intensity": _compared(a.reshape(-1, READINGS).sum(0)[None], b.reshape(-1, READINGS).sum(0)[None])}

@@ -25,6 +25,7 @@ from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid
 from jaxsim.geometry import directions, known_or_right, network_incidence, polar_to_points
 from jaxsim.geometry.rasters import (
     all_within,
+    check_array,
     check_classes,
     check_metres,
     check_rasters,
@@ -107,12 +108,16 @@ class LiveRays:
         Raises ValueError for rasters of another size, ranges that are not metres, classes that are no Cityscapes ids,
         angles that are not 0..pi/2 where a ray ends, and where labels are missing that the run was trained on.
         """
-        away = np.asarray(range_m, np.float32)
         size = self.directions.shape[:2]
-        rasters = {"range_m": away, "valid": valid, "semantic": semantic, "instance": instance}
-        for name, raster in (rasters | {"incidence_rad": incidence_rad}).items():
-            if raster is not None and np.shape(raster)[-2:] != size:
-                raise ValueError(f"live: {name} is {np.shape(raster)}; cast `directions`, {size[0]} x {size[1]} rays")
+        rasters = {"valid": valid, "semantic": semantic, "instance": instance, "incidence_rad": incidence_rad}
+        for name, raster in ({"range_m": range_m} | rasters).items():
+            check_array(raster, f"live: {name}")
+            shape = () if raster is None else np.shape(raster)
+            if raster is not None and (shape[-2:] != size or 0 in shape):
+                raise ValueError(f"live: {name} is {shape}; cast `directions`, {size[0]} x {size[1]} rays")
+            if raster is not None and shape != np.shape(range_m):
+                raise ValueError(f"live: {name} is {shape}, range_m {np.shape(range_m)}; give both for each scan")
+        away = np.asarray(range_m, np.float32)
         if semantic is None and self.needs:
             raise ValueError(
                 f"live: the run was trained on {' and '.join(self.needs)}: give `semantic`, Cityscapes ids"
@@ -137,8 +142,8 @@ class LiveRays:
             depth_m=np.where(ends, self._depth(away), np.float32(0)),
             # Nobody looks at it: `attach_rays` refuses runs that saw colours.
             rgb=np.zeros((*away.shape, 3), np.float32),
-            semantic=nothing if semantic is None else np.asarray(semantic, np.int32),
-            instance=nothing if instance is None else np.asarray(instance, np.int32),
+            semantic=nothing if semantic is None else np.where(ends, np.asarray(semantic, np.int32), nothing),
+            instance=nothing if instance is None else np.where(ends, np.asarray(instance, np.int32), nothing),
             valid=ends,
             occluded=np.zeros(away.shape, bool),
         )

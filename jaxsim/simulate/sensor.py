@@ -16,7 +16,7 @@ from jaxsim.cloud import place_intensity
 from jaxsim.files import digest_of_values
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
-from jaxsim.geometry.rasters import check_rasters
+from jaxsim.geometry.rasters import check_array, check_rasters
 from jaxsim.pix2pix import make_generate
 from jaxsim.prepare import check_view, crop_image, input_channels, polar_window
 from jaxsim.runs.kinds import Run
@@ -174,6 +174,8 @@ class LearnedSensor:
         Raises ValueError where a raster is not what it must be (`check_rasters`), and where the images have not the
         aspect ratio and resolution of those that the run learned from.
         """
+        for name, raster in (("rgb", rgb), ("depth_m", depth_m)):
+            check_array(raster, f"simulate: {name}")
         view = CameraFrame(
             rgb=np.asarray(rgb),
             camera=camera or self.run.camera,

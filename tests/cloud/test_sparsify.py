@@ -9,7 +9,7 @@ from jaxsim.cloud.pseudo_lidar import depth_to_cloud
 from jaxsim.cloud.sparsify import PATTERNS, EvenLines, crop_cloud, sparsify
 from jaxsim.data.kitti_files import object_rect_from_velo
 from jaxsim.frame import Cloud, PolarGrid
-from jaxsim.geometry import PRESETS, preset, window_grid
+from jaxsim.geometry import PRESETS, full_grid, preset, window_grid
 from tests.cloud.published import published_camera
 
 WINDOW = math.radians(45), math.radians(-45)
@@ -116,6 +116,11 @@ def test_points_go_to_the_nearest_beam_of_any_sensor(name):
     # Beyond half a step outside the outer beams ours leaves a point out; on a border float32 may decide otherwise.
     assert len({cell for cell in differ if 0 < cell[0] < spec.rows - 1}) <= 3
     assert (np.asarray(sparse.row)[cells] == cells // columns).all()
+
+
+def test_a_point_at_the_cut_behind_the_car_stays_in_a_whole_turn():
+    xyz = np.array([[-10.0, 0.0, -0.5]], np.float32)
+    assert np.asarray(sparsify(cloud_of(xyz), full_grid(preset("hdl64e"), 2007)).valid).sum() == 1
 
 
 def test_a_point_far_above_the_top_beam_is_no_return():

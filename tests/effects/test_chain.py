@@ -84,6 +84,10 @@ def test_what_is_saved_is_loaded(tmp_path):
         ({"name": "gamma_response", "parameters": {"gamma": [1, 1]}}, "it is one number"),
         ({"name": "beam_gain", "parameters": {"gain": [0, 0]}}, "the sensor has 5 beams: give 5 numbers"),
         ({"name": "material_dropout", "parameters": {"probability": [0, 0]}}, "give 34 numbers"),
+        (
+            '{"effects": [{"name": "random_dropout"}, {"name": "random_dropout"}]}',
+            "lists random_dropout more than once",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_right_is_refused_with_what_would_be(tmp_path, content, message):

@@ -155,8 +155,10 @@ def test_a_cloud_without_rows_is_refused():
 
 
 @pytest.mark.parametrize("angle", [np.pi, -np.pi, np.nextafter(np.float32(np.pi), 0), -3.1415925, 0.0])
-def test_no_azimuth_falls_out_of_a_whole_turn(angle):
-    grid = full_grid(SPEC, 2048)
+@pytest.mark.parametrize("columns", [2048, 2007, 900, 360])
+def test_no_azimuth_falls_out_of_a_whole_turn(angle, columns):
+    """Of some numbers of columns float32 rounds the cut to the last one, of others to before the first."""
+    grid = full_grid(SPEC, columns)
     xyz = np.array([[np.cos(angle), np.sin(angle), 0]], np.float32) * 10
     image, _ = points_to_polar(cloud_of(xyz, np.zeros(1, np.int32)), grid)
     assert image.valid.sum() == 1

@@ -53,6 +53,26 @@ def test_other_types_of_right_numbers_pass():
     check_rasters(jax.tree.map(jnp.asarray, view()), "here")
 
 
+@pytest.mark.parametrize("name", ["depth_m", "semantic", "instance"])
+def test_bytes_in_another_machines_order_are_told(name):
+    """A compiled program would read them in its own."""
+    raster = getattr(view(), name)
+    other = replace(view(), **{name: raster.astype(raster.dtype.newbyteorder())})
+    with pytest.raises(ValueError, match=rf"here: {name} holds .*order of another machine; take"):
+        check_shapes(other, "here")
+
+
+def test_a_mask_that_would_be_lost_is_told():
+    masked = np.ma.masked_greater(road(70.0), 50)
+    with pytest.raises(ValueError, match=r"here: depth_m is a masked array.*depth_m\.filled\(0\)"):
+        check_shapes(replace(view(), depth_m=masked), "here")
+
+
+def test_no_view_is_told():
+    with pytest.raises(ValueError, match=r"rgb is \(0, 48, 64, 3\), without a pixel"):
+        check_shapes(view(batch=(0,)), "here")
+
+
 def test_a_batch_tells_which_view_is_wrong():
     check_rasters(view(batch=(2,)), "here")
     depth = np.full((2, *SIZE), 12.0, np.float32)

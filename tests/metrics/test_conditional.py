@@ -74,3 +74,11 @@ def test_unknown_incidence_has_a_bin_of_its_own():
     known = np.zeros(SHAPE, bool)
     got = np.asarray(intensity_table(intensity, range_m, angle, incidence_known=known, semantic=label, valid=~known))
     assert got[:, :, -1].sum() == got.sum() == intensity.size
+
+
+def test_classes_of_one_side_alone_change_nothing():
+    measured, simulated = frame(0), frame(2)
+    unlabelled = np.zeros(SHAPE, int)
+    both = conditional_intensity(table(*simulated[:3], unlabelled), table(*measured[:3], unlabelled), classes=False)
+    one = conditional_intensity(table(*simulated), table(*measured[:3], unlabelled), classes=False)
+    assert one == both

@@ -124,6 +124,8 @@ def test_rays_that_are_given_wrongly_are_told(of_rays):
         live(np.full((44, 372), 12, np.float32), incidence_rad=np.full((44, 372), 45, np.float32))
     with pytest.raises(ValueError, match=r"live: semantic spans 0\.\.255"):
         live(np.full((44, 372), 12, np.float32), semantic=np.arange(44 * 372).reshape(44, 372) % 256)
+    with pytest.raises(ValueError, match=r"live: range_m is a masked array"):
+        live(np.ma.masked_greater(np.full((44, 372), 12, np.float32), 50))
     nothing = live(np.full((44, 372), np.nan, np.float32))
     assert not np.asarray(nothing.valid).any()
 
@@ -137,6 +139,24 @@ def test_a_ray_alone_has_the_angle_that_it_had_in_training(of_rays):
     range_m = np.zeros((44, 372), np.float32)
     range_m[20, 100] = 12.0
     np.testing.assert_allclose(returned(live(range_m))[:, 3], [0.99], atol=1e-6)
+
+
+def test_labels_of_rays_that_end_nowhere_are_none(of_rays):
+    """As in painted frames, which the network learned from: a caster may call them sky."""
+    painted = []
+    attached = of_rays.attach_rays()
+
+    def run(one, incidence):
+        painted.append(one)
+        return attached.run(one, incidence)
+
+    live = replace(attached, run=run)
+    range_m = np.full((44, 372), 12, np.float32)
+    range_m[:8] = np.inf
+    live(range_m, semantic=np.full((44, 372), 23), instance=np.full((44, 372), 5))
+    [one] = painted
+    for labels, at_ends in ((one.semantic, 23), (one.instance, 5)):
+        np.testing.assert_array_equal(labels, np.where(np.isinf(range_m), 0, at_ends))
 
 
 def bgra(red, green, blue) -> bytes:
