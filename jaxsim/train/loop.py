@@ -60,7 +60,8 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     log = MetricsLog(folder, start, writes=writes)
 
     def due(every: int) -> bool:
-        return step % every == 0 or step == training.steps or step in training.milestones
+        # 0 is never but at the end.
+        return (every > 0 and step % every == 0) or step == training.steps or step in training.milestones
 
     def save() -> None:
         if checkpoints and step not in checkpoints.steps:

@@ -95,6 +95,13 @@ def test_a_run_is_saved_judged_logged_and_described(tmp_path, monkeypatch, capsy
     assert f"{adding.folder}: 7 steps done. Look at the sum." in said
 
 
+def test_0_steps_between_checkpoints_and_scores_is_the_end_alone(tmp_path, monkeypatch):
+    adding = Adding(tmp_path / "run")
+    adding.run(monkeypatch, save_every=0, judge_every=0)
+    assert adding.judged == [7]
+    assert Checkpoints(adding.folder).steps == [7]
+
+
 def test_milestones_are_saved_and_judged_and_the_end_may_score_anew(tmp_path, monkeypatch):
     adding, ends = Adding(tmp_path / "run"), []
 
