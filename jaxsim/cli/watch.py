@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Annotated
 
 import tyro
 
+from jaxsim.cli.endings import words_of
 from jaxsim.config.ranges import Checked
 from jaxsim.discover.watch import Change, Day, watch_days
 from jaxsim.files import write_text
@@ -22,7 +24,7 @@ class Watch(Checked):
     emitter.
 
     Folders of polar frames of one sensor (`jaxsim frames`), of any streets; each needs four scenes or more. Ends with 0
-    where nothing has changed, with 1 where something has.
+    where nothing has changed, with 1 where something has, with 2 where days cannot be held against each other.
     """
 
     before: Annotated[Path, tyro.conf.Positional]
@@ -35,7 +37,12 @@ class Watch(Checked):
     def __call__(self) -> None:
         if not self.days:
             raise ValueError("watch: --days names no folder; give those of later days, in order")
-        watched = watch_days(self.before, self.days)
+        try:
+            watched = watch_days(self.before, self.days)
+        except (ValueError, OSError) as error:
+            # A folder that is not there is no change of the sensor, which a nightly job asks for.
+            print(f"error: {words_of(error)}", file=sys.stderr)
+            raise SystemExit(2) from error
         page = watch_table(watched)
         print(page)
         if self.out:
@@ -50,7 +57,9 @@ def watch_table(days: Sequence[Day]) -> str:
     things = dict.fromkeys(thing for of_day in changed for thing in of_day)
     if not things:
         return f"Nothing has changed in {', '.join(day.folder.name for day in days)}.\n"
-    heads = ["", *(f"{day.folder.name} ({day.scenes} scenes)" for day in days)]
+    # Folders of one name (tuesday/measured) are told apart by the whole path.
+    alike = len({day.folder.name for day in days}) < len(days)
+    heads = ["", *(f"{day.folder if alike else day.folder.name} ({day.scenes} scenes)" for day in days)]
     rows = [[", ".join(thing), *(_cell(of_day.get(thing)) for of_day in changed)] for thing in things]
     return f"{markdown_table(heads, rows)}\n"
 

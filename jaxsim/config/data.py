@@ -115,7 +115,7 @@ class RunConfig(Checked):
     seed: Whole = 2
     log_every: Count = 10
     save_every: Whole = 200
-    """Steps between checkpoints; a killed run resumes from the last. 0: at the end alone; of a detector, every epoch."""
+    """Steps between checkpoints; a killed run resumes from the last. 0: the end alone; of a detector, every epoch."""
     picture_every: Whole = 200
     """Steps between validation scores and pictures (input | predicted | measured). 0: at the end alone; of a detector,
     every epoch."""

@@ -221,13 +221,24 @@ def crop_image(view: CameraFrame, size: tuple[int, int]) -> CameraFrame:
     )
 
 
+FEWEST_HIT = 0.25
+"""Share of the window's columns with a point below which the number of columns alone is not the reason."""
+
+
 def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
     """Raises ValueError where empty columns keep alternating with others: the sensor fires too seldom for them."""
     hit = np.asarray(valid.any(axis=0))
     # Borders from seen to empty columns: a hidden sector has one, gaps between firings have many.
     if (hit[:-1] & ~hit[1:]).sum() > 0.05 * len(hit):
+        fewer = round(0.8 * hit.sum())
+        if fewer < FEWEST_HIT * len(hit):
+            raise ValueError(
+                f"prepare: {name}: only {int(hit.sum())} of the window's {len(hit)} columns got a point, far apart: "
+                "the points lie elsewhere than the camera looks, or the window is far finer than the sensor's azimuth "
+                "step; check the calibration (R and T from LiDAR to camera), or lower --prepare.columns"
+            )
         raise ValueError(
             f"prepare: {name}: {int((~hit).sum())} of the window's {len(hit)} columns, all over it, got no point: "
             "the window is finer than the sensor's azimuth step, and the gaps would be learned as dropped rays; "
-            f"lower --prepare.columns to about {round(0.8 * hit.sum())}"
+            f"lower --prepare.columns to about {fewer}"
         )

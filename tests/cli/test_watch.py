@@ -32,6 +32,23 @@ def test_another_sensor_and_too_few_scenes_are_refused(tmp_path):
         watch_days(monday, [monday])
 
 
+def test_days_that_cannot_be_compared_end_otherwise_than_a_change(tmp_path, capsys):
+    monday = day(tmp_path / "monday", 0)
+    with pytest.raises(SystemExit) as stop:
+        main(["watch", str(monday), "--days", str(tmp_path / "tuesday")])
+    assert stop.value.code == 2
+    assert "tuesday" in capsys.readouterr().err
+
+
+def test_folders_of_one_name_are_told_apart(tmp_path, capsys):
+    monday = day(tmp_path / "monday/measured", 0)
+    later = [day(tmp_path / f"{name}/measured", 2, dying_beam) for name in ("tuesday", "wednesday")]
+    with pytest.raises(SystemExit):
+        main(["watch", str(monday), "--days", *map(str, later)])
+    said = capsys.readouterr().out
+    assert all(f"{name}/measured (" in said for name in ("tuesday", "wednesday"))
+
+
 def test_a_day_alone_cannot_be_watched(tmp_path):
     with pytest.raises(SystemExit, match="--days names no folder"):
         main(["watch", str(tmp_path), "--days"])

@@ -146,8 +146,9 @@ def _without(one, **fields):
 def test_what_the_frame_lacks_is_named():
     one = frame()
     no_rows = replace(one, cloud=one.cloud.replace(row=None))
-    kept = np.arange(len(one.cloud.valid)) % 30 == 0
-    sparse = replace(one, cloud=one.cloud.replace(valid=one.cloud.valid & kept))
+    nth = np.arange(len(one.cloud.valid))
+    sparse = replace(one, cloud=one.cloud.replace(valid=one.cloud.valid & (nth % 10 == 0)))
+    scattered = replace(one, cloud=one.cloud.replace(valid=one.cloud.valid & (nth % 30 == 0)))
     behind = replace(one, cloud=one.cloud.replace(xyz_m=-one.cloud.xyz_m))
     for broken, config, message in [
         (no_rows, CONFIG, "street-7: the cloud has no laser lines"),
@@ -157,6 +158,7 @@ def test_what_the_frame_lacks_is_named():
         (_without(one, semantic=None), replace(CONFIG, inputs=("edges",)), "--prepare.inputs rgb depth row"),
         (one, replace(CONFIG, image_crop=(352, 1216)), "310 x 94, smaller than the crop of 1216 x 352"),
         (sparse, CONFIG, r"columns, all over it, got no point: .*lower --prepare\.columns to about"),
+        (scattered, CONFIG, r"columns got a point, far apart: .*check the calibration \(R and T"),
         (behind, replace(CONFIG, depth="ip_basic"), "street-7: depth: not one pixel has depth"),
     ]:
         with pytest.raises(ValueError, match=message):
