@@ -22,6 +22,7 @@ ABOUT_KEYS = ("scene", "time", "speed", "heading", "tags")
 LATEST_S = 1e10
 """Seconds since 1970 in the year 2286: a time beyond is in another unit."""
 """What grid.json may say of a frame."""
+INT32 = int(np.iinfo(np.int32).min), int(np.iinfo(np.int32).max)
 ID_RASTERS = ("semantic", "instance")
 """Rasters of ids."""
 FASTEST_MPS = 150.0
@@ -155,6 +156,11 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
         if not np.isfinite(arrays[name]).all() or (arrays[name] != np.round(arrays[name])).any():
             raise ValueError(
                 f"polar frames: {path}: {name} spans {span_in_words(arrays[name])}; it must hold whole numbers (ids)"
+            )
+        if not all_within(arrays[name], *INT32):
+            raise ValueError(
+                f"polar frames: {path}: {name} spans {span_in_words(arrays[name])}; ids are numbers of 32 bits: count "
+                "objects from 1, np.unique(ids, return_inverse=True)[1] + 1"
             )
     if "semantic" in arrays:
         check_classes(arrays["semantic"], f"polar frames: {path}")

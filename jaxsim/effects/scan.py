@@ -81,7 +81,11 @@ def _per_frame(about: Sequence[Mapping[str, Any]], key: str, dtype: Any) -> np.n
     """A number of every frame; 0 where none has it."""
     given = [entry.get(key) for entry in about]
     if any(value is None for value in given) and any(value is not None for value in given):
-        raise ValueError(f"scan_of: {key} is given for some frames and not for others; give it for all or none")
+        lacking = [str(k) for k, value in enumerate(given) if value is None]
+        raise ValueError(
+            f"scan_of: {key} is given for some frames and not for others; {len(lacking)} of {len(given)} lack it "
+            f"(numbers {', '.join(lacking[:3])}{' ...' * (len(lacking) > 3)}, from 0): give it for all or none"
+        )
     values = np.array([0.0 if value is None else value for value in given], dtype)
     if not np.isfinite(values).all():
         raise ValueError(f"scan_of: {key} must be finite, got {values.tolist()}")

@@ -55,6 +55,7 @@ WORDS = np.full((3, 5), "road")
         ("semantic", np.full((3, 5), 0.5), "whole numbers"),
         ("semantic", np.full((3, 5), np.nan), "whole numbers"),
         ("instance", np.full((3, 5), 1.5), "whole numbers"),
+        ("instance", np.full((3, 5), 2**33), "ids are numbers of 32 bits: count"),
         ("incidence", np.ones((3, 5, 2)), r"incidence is \(3, 5, 2\)"),
         ("incidence", np.full((3, 5), 80.0), "in radians, 0 head on to pi/2"),
         ("incidence", np.full((3, 5), np.nan), "incidence spans nothing, 15 of 15 NaN or infinite"),
