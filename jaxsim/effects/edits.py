@@ -98,7 +98,7 @@ def is_one_of(rays: Rays, classes: tuple[int, ...]) -> Float[Array, "*n"]:
 
 
 def add_clutter(
-    rays: Rays, probability: Array, *, power: float, scale_m: Array, from_m: float, intensity: Array
+    rays: Rays, probability: Array, *, power: float | Array, scale_m: Array, from_m: float, intensity: Array
 ) -> Rays:
     """Adds a false return with a probability, at a range of density r**power exp(-r / scale) from `from_m` on.
 

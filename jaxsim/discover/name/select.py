@@ -140,6 +140,12 @@ def too_rich(candidate: Candidate, best: Candidate) -> bool:
     return candidate.numbers > best.numbers and candidate.total <= best.total + RULES.alike_nats
 
 
+def much_richer(candidate: Candidate, best: Candidate) -> bool:
+    """Whether `candidate` is no other explanation: with many more numbers a law says what any other does. One number
+    more is the form of another law (rain that thins out with some power, beside fog)."""
+    return too_rich(candidate, best) and candidate.numbers > best.numbers + 1
+
+
 def choose(
     problem: Problem,
     effects: Iterable[Effect],
@@ -277,7 +283,7 @@ def fitted_step(
 ) -> FittedStep:
     """A candidate fitted to all find scenes, and its look-alikes among the `good` ones that gain no more."""
     others = [one for one in good if one is not best and one.total <= best.total]
-    alike = tuple(c for c in others if not worse(c, best) and not too_rich(c, best))
+    alike = tuple(c for c in others if not worse(c, best) and not much_richer(c, best))
     # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.
     starts = tuple(to_values(best.effect, one.z) for one in best.fits)
     result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts, fixed=best.effect.name in FINEST)

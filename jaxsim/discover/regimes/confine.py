@@ -15,7 +15,7 @@ from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import reweighted
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
-from jaxsim.discover.name.select import Choice, FittedStep, too_rich, worse
+from jaxsim.discover.name.select import Choice, FittedStep, much_richer, worse
 from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.questions import Facts, arc, cells_of
 from jaxsim.discover.rules import RULES
@@ -77,7 +77,7 @@ def confine(
     starts = tuple(to_values(best.effect, one.z) for one in best.fits)
     result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts)
     alike = tuple(c for c in ranked if c is not best and c.total > RULES.bar_nats and not worse(c, best))
-    alike = tuple(c for c in alike if not too_rich(c, best))
+    alike = tuple(c for c in alike if not much_richer(c, best))
     step = FittedStep(best, alike, tuple(ranking), result)
     return Confined(step, everywhere.effect, region, frames, problem, advantage)
 

@@ -11,6 +11,7 @@ from jaxsim.discover.name.select import (
     Bars,
     Choice,
     choose,
+    much_richer,
     needless,
     runner_up,
     says_as_much,
@@ -27,6 +28,13 @@ def test_more_numbers_must_gain_more():
     assert too_rich(candidate("random_dropout", 20.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
     assert not too_rich(candidate("random_dropout", 22.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
     assert not too_rich(candidate("random_dropout", 20.0, numbers=1), candidate("random_dropout", 20.0, numbers=4))
+
+
+def test_one_number_more_is_another_law_and_many_are_none():
+    best = candidate("fog_backscatter", 20.0, numbers=3)
+    assert not much_richer(candidate("precipitation_clutter", 20.0, numbers=4), best)
+    assert much_richer(candidate("material_dropout", 20.0, numbers=5), best)
+    assert not much_richer(candidate("material_dropout", 22.0, numbers=5), best)
 
 
 def test_of_those_that_gain_as_much_the_one_with_the_fewest_numbers_is_chosen():
