@@ -20,7 +20,7 @@ LINE_EVERY_S = 30.0
 """Seconds between two lines where there is no terminal."""
 FIRST_LINE_S = 2.0
 """Seconds after which a task that has written nothing yet says there what it is."""
-LINE = "{desc}: {n_fmt} of {total_fmt} {unit}s, {elapsed} so far, {remaining} left{postfix}"
+LINE = "{desc}: {n_fmt} of {total_fmt} {units}, {elapsed} so far, {remaining} left{postfix}"
 
 
 def is_screen(file: Any) -> bool:
@@ -42,7 +42,8 @@ class Progress(tqdm):
         if self.as_lines:
             shown |= {"mininterval": LINE_EVERY_S, "maxinterval": 2 * LINE_EVERY_S, "delay": 1e-3}
             if shown.get("total") is not None or hasattr(iterable, "__len__"):
-                shown["bar_format"] = LINE
+                unit = shown.get("unit", "it")
+                shown["bar_format"] = LINE.replace("{units}", f"{unit}{'es' if unit.endswith('s') else 's'}")
         self.told = 0
         self.ended = threading.Event()
         self.line_at_s = -math.inf

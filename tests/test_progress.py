@@ -128,3 +128,12 @@ def test_quiet_is_quiet(monkeypatch):
     log = io.StringIO()
     assert list(Progress(range(3), file=log)) == [0, 1, 2]
     assert log.getvalue() == ""
+
+
+def test_a_unit_that_ends_with_s_has_a_plural():
+    log = io.StringIO()
+    for unit in ("pass", "frame"):
+        for _ in Progress(range(2), desc="matching", unit=unit, file=log, mininterval=0):
+            pass
+    assert "2 of 2 passes, " in log.getvalue()
+    assert "2 of 2 frames, " in log.getvalue()

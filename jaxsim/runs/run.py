@@ -204,8 +204,8 @@ class Checkpoints:
     def restore(self, item: str, like: Any, *, step: int | None = None) -> Any:
         """An item of a step (by default the latest), in the structure of `like` (arrays or their shapes).
 
-        Raises ValueError where there is none, where it is damaged, and where it differs from its SHA-256; warns where
-        an earlier version kept none.
+        Raises ValueError where there is none, where it is damaged, where it differs from its SHA-256, and where it is of
+        another network than `like`; warns where an earlier version kept none.
         """
         step = self.latest if step is None else step
         if step is None:
@@ -225,6 +225,12 @@ class Checkpoints:
                 f"run: step {step} in {self.folder} is damaged, or of another network ({_brief(error)}); "
                 f"remove that folder, and an earlier step is used where one is kept ({_steps(self.steps, step)})"
             ) from error
+        # Orbax gives arrays in the shapes that they were saved in, whatever was wanted.
+        if other := _other_shape(restored[item], wanted):
+            raise ValueError(
+                f"run: step {step} in {self.folder} is of another network than config.json beside it: {other}; put back "
+                "the settings that the run was trained with"
+            )
         if not summed:
             warnings.warn(
                 f"run: step {step} in {self.folder} was saved without a SHA-256 by an earlier version; it "
@@ -256,6 +262,16 @@ def _digest(tree: Any) -> str:
     """SHA-256 of a tree's arrays and of their places in it."""
     leaves, _ = jax.tree.flatten_with_path(tree)
     return digest({jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf) for path, leaf in leaves})
+
+
+def _other_shape(tree: Any, wanted: Any) -> str:
+    """The first array whose shape differs from the wanted one's, in words; empty where none does."""
+    there, _ = jax.tree.flatten_with_path(tree)
+    for (path, leaf), like in zip(there, jax.tree.leaves(wanted), strict=True):
+        if leaf.shape != like.shape:
+            name = jax.tree_util.keystr(path, simple=True, separator="/")
+            return f"{name} has the shape {leaf.shape} there, and {like.shape} by the settings"
+    return ""
 
 
 def _steps(steps: Sequence[int], damaged: int) -> str:

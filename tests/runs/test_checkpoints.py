@@ -1,6 +1,7 @@
 """A checkpoint is what was saved, or it is refused."""
 
 import gc
+import re
 import shutil
 from pathlib import Path
 
@@ -56,6 +57,16 @@ def test_no_flipped_bit_of_150_gives_other_arrays(tmp_path):
             assert same(found)
     assert refused >= 140
     data.write_bytes(whole)
+    assert same(restored(tmp_path))
+
+
+@pytest.mark.parametrize("shape", [(40, 25), (50, 40), (2000,)])
+def test_arrays_of_another_shape_are_of_another_network(tmp_path, shape):
+    """As of a config.json whose number of filters was changed by hand."""
+    saved(tmp_path)
+    told = rf"another network .*: kernel has the shape \(40, 50\) there, and {re.escape(str(shape))} by the settings"
+    with pytest.raises(ValueError, match=told):
+        Checkpoints(tmp_path).restore("state", TREE | {"kernel": np.zeros(shape, np.float32)})
     assert same(restored(tmp_path))
 
 
