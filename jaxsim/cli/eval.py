@@ -19,6 +19,7 @@ from jaxsim.files import file_of
 from jaxsim.metrics.inception import open_extractor
 from jaxsim.report.pictures import pair_picture, save_picture
 from jaxsim.report.results import write_frechet, write_scores
+from jaxsim.runs.frames import read_frames
 from jaxsim.runs.run import is_detector
 from jaxsim.simulate.sensor import load
 
@@ -70,7 +71,13 @@ class Evaluation(Checked):
         data, validation = self.data.config(of_run), self.data.validation(of_run)
         extractor = open_extractor(self.fid, self.fid_features) if self.fid else None
         judged = score_sensor(
-            sensor, data, frames=self.frames, validation=validation, trees=self.trees, extractor=extractor
+            sensor,
+            data,
+            frames=self.frames,
+            validation=validation,
+            recorded=read_frames(self.run),
+            trees=self.trees,
+            extractor=extractor,
         )
 
         # Tables and pictures.

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from jaxsim.config import DataConfig, RunConfig
-from jaxsim.data import open_dataset, select
+from jaxsim.data import open_dataset
 from jaxsim.data.records import PreparedPairs
 from jaxsim.data.seen import Side, warn_of_seen, warn_of_seen_pairs
-from jaxsim.data.select import frames_to_judge
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
@@ -31,6 +30,7 @@ from jaxsim.metrics.inception import Extractor
 from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores
 from jaxsim.pairs.prepared import pairs_before, prepared
 from jaxsim.progress import Progress
+from jaxsim.runs.frames import RunFrames, judges_of, positions_of, read_frames
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.predict import make_predict
@@ -68,24 +68,28 @@ def score_sensor(
     *,
     frames: str = "",
     validation: str = "",
+    recorded: RunFrames | None = None,
     trees: bool = False,
     extractor: Extractor | None = None,
 ) -> SensorScores:
-    """Scores a learned sensor on frames of a data set, chosen by `frames_to_judge`.
+    """Scores a learned sensor on frames of a data set, chosen by `judges_of`.
 
-    The baselines are fitted to the training frames of the run's own data set, with `trees` boosted trees too. Raises
-    ValueError for frames that are not there, and where there are too few for the extractor's features.
+    The baselines are fitted to the training frames of the run's own data set, with `trees` boosted trees too. The
+    run's frames are those that are `recorded`, whatever joined the data set since. Raises ValueError for frames that
+    are not there, and where there are too few for the extractor's features.
     """
     # Frames: those to judge, the one before each, and those that the baselines average.
     of_run = learned.run.experiment.data
     prepare = learned.run.experiment.prepare
     own_dataset = open_dataset(of_run)
     dataset = open_dataset(data) if data != of_run else own_dataset
-    positions = frames_to_judge(frames, dataset, validation=validation)
+    of_set = recorded if _same(data, of_run) else None
+    positions = judges_of(of_set, dataset, frames=frames, validation=validation)
     judged = prepared(dataset, positions, data, prepare=prepare)
     # What `previous frame` copies; it need not be among the judged.
     before = pairs_before(dataset, positions, data, prepare=prepare)
-    train = prepared(own_dataset, select(of_run.train, own_dataset), of_run, prepare=prepare)
+    learned_from = positions_of(recorded and recorded.train, own_dataset, text=of_run.train, part="training")
+    train = prepared(own_dataset, learned_from, of_run, prepare=prepare)
     warn_of_seen_pairs(train, judged)
     if extractor:
         require_images(len(judged), extractor)
@@ -117,6 +121,11 @@ def score_sensor(
     )
 
 
+def _same(data: DataConfig, of_run: DataConfig) -> bool:
+    """Whether frames of the one are called as those of the other: it is the same data set."""
+    return data.bare == of_run.bare
+
+
 def scores_by_scene(sums: Mapping[str, PairedSums], scenes: Sequence[str]) -> dict[str, dict[str, dict[str, Score]]]:
     """Scene -> predictor -> scores; a scene without a cell to score is left out."""
     by_scene: dict[str, dict[str, dict[str, Score]]] = {}
@@ -142,7 +151,7 @@ class DetectorScores:
 
 
 def score_checkpoints(run: Path, data: DataConfig, *, frames: str = "", validation: str = "") -> DetectorScores:
-    """Scores the last MEAN_OF kept checkpoints of a detector's run on frames of a data set (`frames_to_judge`).
+    """Scores the last MEAN_OF kept checkpoints of a detector's run on frames of a data set (`judges_of`).
 
     Raises ValueError where no checkpoint is kept, and for frames that are not there or have no labels.
     """
@@ -153,12 +162,14 @@ def score_checkpoints(run: Path, data: DataConfig, *, frames: str = "", validati
     if not steps:
         raise ValueError(f"run: no checkpoint in {run}; the training has not saved one yet")
     dataset = open_dataset(data)
-    positions = frames_to_judge(frames, dataset, validation=validation)
-    if data.bare == trained.data.bare:
+    own = _same(data, trained.data)
+    recorded = read_frames(run) if own else None
+    positions = judges_of(recorded, dataset, frames=frames, validation=validation)
+    if own:
         # Frames of the training that are no longer there cannot be among those that judge.
         learned: list[int] = []
         with suppress(ValueError):
-            learned = select(trained.data.train, dataset)
+            learned = positions_of(recorded and recorded.train, dataset, text=trained.data.train, part="training")
         names = [dataset.name_of(i) for i in positions]
         warn_of_seen(Side(learned), Side(positions), names=names)
     scenes = experiment_scenes(dataset, positions, experiment)

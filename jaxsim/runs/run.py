@@ -24,6 +24,7 @@ from jaxsim.config import Experiment
 from jaxsim.files import check_size, claim, digest, lock, placed, read_json
 from jaxsim.frame import Array, CameraFrame
 from jaxsim.geometry import LidarSpec
+from jaxsim.runs.frames import FRAMES, RunFrames, write_frames
 from jaxsim.runs.kinds import KINDS, AnyExperiment, AnyRun, DetectorRun, Kind, Matrix, Run, kind_in, kind_of
 
 Loaded = TypeVar("Loaded", bound=AnyRun)
@@ -64,12 +65,17 @@ def _rounded(matrix: np.ndarray | Array) -> Matrix:
     return tuple(tuple(round(float(value), 9) for value in row) for row in np.asarray(matrix))
 
 
-def start_run(folder: Path, run: AnyRun) -> None:
+def start_run(folder: Path, run: AnyRun, frames: RunFrames | None = None) -> None:
     """Makes the run's folder, or checks that the folder holds this very run; keeps it for this process.
 
+    `frames` are kept beside it, where it begins; of a run that an earlier version began nobody knows which they were.
     Raises ValueError where it holds another run, naming the flags that differ, or another process trains in it.
     """
     lock(folder)
+    _claim(folder, run.experiment)
+    # Before config.json, by which a run has begun: killed in between, it would be taken for an earlier version's.
+    if frames is not None and (not (folder / "config.json").is_file() or (folder / FRAMES).is_file()):
+        write_frames(folder, frames)
     _claim(folder, run.experiment, text=kind_of(run).dump(run))
 
 
@@ -204,8 +210,8 @@ class Checkpoints:
     def restore(self, item: str, like: Any, *, step: int | None = None) -> Any:
         """An item of a step (by default the latest), in the structure of `like` (arrays or their shapes).
 
-        Raises ValueError where there is none, where it is damaged, where it differs from its SHA-256, and where it is of
-        another network than `like`; warns where an earlier version kept none.
+        Raises ValueError where there is none, where it is damaged, differs from its SHA-256, or is of another network
+        than `like`; warns where an earlier version kept none.
         """
         step = self.latest if step is None else step
         if step is None:
@@ -228,8 +234,8 @@ class Checkpoints:
         # Orbax gives arrays in the shapes that they were saved in, whatever was wanted.
         if other := _other_shape(restored[item], wanted):
             raise ValueError(
-                f"run: step {step} in {self.folder} is of another network than config.json beside it: {other}; put back "
-                "the settings that the run was trained with"
+                f"run: step {step} in {self.folder} is of another network than config.json beside it: {other}; put "
+                "back the settings that the run was trained with"
             )
         if not summed:
             warnings.warn(

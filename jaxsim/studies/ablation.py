@@ -16,7 +16,6 @@ from markupsafe import Markup
 
 from jaxsim.config import DataConfig, Experiment, InputName, PrepareConfig
 from jaxsim.data import open_dataset, select
-from jaxsim.data.select import frames_to_judge
 from jaxsim.evaluate.intensity import baseline_scores, frechet_line, frechet_of_run, require_images, score_pairs
 from jaxsim.files import file_of
 from jaxsim.frame import Painted, PolarImage
@@ -36,6 +35,7 @@ from jaxsim.report.results import (
     score_text,
     write_results,
 )
+from jaxsim.runs.frames import judges_of, positions_of, shared_frames
 from jaxsim.simulate.frames import simulate_batch, take
 from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import LearnedSensor, load
@@ -151,14 +151,17 @@ def compare_networks(
     sensors = named_sensors({str(folder): load(folder) for folder in folders})
     experiment = next(iter(sensors.values())).run.experiment
     data, prepare = experiment.data, labelled_prepare(sensors)
+    recorded = shared_frames(folders, by="ablation")
     predicts = {name: make_predict(s.generate, s.run.experiment.prepare) for name, s in sensors.items()}
 
     # Frames: one set for all.
     dataset = open_dataset(data)
-    judged = prepared(dataset, frames_to_judge(frames, dataset, validation=data.validation), data, prepare=prepare)
+    judges = judges_of(recorded, dataset, frames=frames, validation=data.validation)
+    judged = prepared(dataset, judges, data, prepare=prepare)
     if extractor:
         require_images(len(judged), extractor)
-    train = prepared(dataset, select(data.train, dataset), data, prepare=prepare)
+    learned = positions_of(recorded and recorded.train, dataset, text=data.train, part="training")
+    train = prepared(dataset, learned, data, prepare=prepare)
     baselines = baseline_scores(train, judged, [None] * len(judged))
 
     # Scores.

@@ -35,6 +35,7 @@ from jaxsim.prepare.depth.penet.training import (
 )
 from jaxsim.progress import Progress
 from jaxsim.report.pictures import depth_picture
+from jaxsim.runs.frames import RunFrames, check_frames
 from jaxsim.runs.kinds import DepthRun
 from jaxsim.train.training import Batch, RunScores, Training, ahead, run_folder
 
@@ -58,6 +59,10 @@ class Rendered(Sequence[DepthFrame]):
     def __len__(self) -> int:
         return len(self.positions)
 
+    def name_of(self, index: int) -> str:
+        """The frame's name in its data set."""
+        return self.dataset.name_of(self.positions[index])
+
     def __getitem__(self, i):
         with self.lock:
             if i not in self.kept:
@@ -66,7 +71,7 @@ class Rendered(Sequence[DepthFrame]):
             return self.kept[i]
 
 
-def frames_of(experiment: DepthExperiment) -> tuple[Sequence[DepthFrame], Sequence[DepthFrame]]:
+def frames_of(experiment: DepthExperiment) -> tuple[KittiDepth | Rendered, KittiDepth | Rendered]:
     """Training and validation frames; KITTI's are read whenever they are asked for, as 92 750 do not fit into memory.
 
     Raises ValueError where the data set has no true depth, or a part of it is missing.
@@ -98,8 +103,11 @@ def depth_training(experiment: DepthExperiment) -> Training:
 
     # Data: the crop of each frame, its sparse depth and its truth.
     train, validation = frames_of(experiment)
+    folder = run_folder(settings)
+    frames = RunFrames(*(tuple(map(part.name_of, range(len(part)))) for part in (train, validation)))
+    check_frames(folder, frames, by="--data.train" if experiment.depth_root is None else "--depth-root")
     loader = Batches(train, config, settings.seed)
-    steps, folder = len(loader), run_folder(settings)
+    steps = len(loader)
 
     def number_of(k: int) -> int:
         """The stage of batch k; past the end, the last."""
@@ -109,8 +117,8 @@ def depth_training(experiment: DepthExperiment) -> Training:
         return meshes[number_of(k)]
 
     def batches(a: int, b: int) -> Iterator[Batch]:
-        for k, frames in enumerate(ahead(loader, a, b, threads=THREADS), a):
-            yield vars(devices.cut(mesh_of(k), frames))
+        for k, crops in enumerate(ahead(loader, a, b, threads=THREADS), a):
+            yield vars(devices.cut(mesh_of(k), crops))
 
     # Model: the stage's part of it learns, at the epoch's rate.
     def step(state: PyTree, batch: Batch, k: int) -> tuple[PyTree, dict[str, Any]]:
@@ -163,6 +171,7 @@ def depth_training(experiment: DepthExperiment) -> Training:
     use = f"--prepare.depth penet --prepare.depth-weights {folder}/weights.npz"
     return Training(
         run=DepthRun(experiment),
+        frames=frames,
         steps=steps,
         save_every=settings.save_every,
         judge_every=settings.picture_every,

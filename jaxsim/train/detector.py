@@ -14,6 +14,7 @@ from jaxsim.detect.scenes import Scenes
 from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
 from jaxsim.report.boxes import detection_picture
 from jaxsim.report.results import list_scores
+from jaxsim.runs.frames import RunFrames, check_frames
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.train.training import RunScores, Training, ahead, run_folder
 
@@ -27,8 +28,11 @@ def detector_training(experiment: DetectorExperiment) -> Training:
 
     # Data: frames to scenes, made once and kept; objects of all training scenes to paste into others.
     dataset = open_dataset(data)
-    train = experiment_scenes(dataset, select(data.train, dataset), experiment)
-    validation = experiment_scenes(dataset, select(data.validation, dataset), experiment)
+    chosen, judging = select(data.train, dataset), select(data.validation, dataset)
+    folder, frames = run_folder(settings), RunFrames.at(dataset, chosen, validation=judging)
+    check_frames(folder, frames)
+    train = experiment_scenes(dataset, chosen, experiment)
+    validation = experiment_scenes(dataset, judging, experiment)
     warn_of_seen(_side(train), _side(validation), names=[file.stem for file in validation.files])
     loader = detect.SceneBatches(
         train,
@@ -52,9 +56,9 @@ def detector_training(experiment: DetectorExperiment) -> Training:
         picture = detection_picture(validation[0], scored[0], experiment.voxels.range_m, title=f"step {step}")
         return main_scores(curves), picture
 
-    folder = run_folder(settings)
     return Training(
         run=DetectorRun(experiment, steps, len(train)),
+        frames=frames,
         steps=steps,
         save_every=settings.save_every or epoch,
         judge_every=settings.picture_every or epoch,

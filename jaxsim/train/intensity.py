@@ -25,6 +25,7 @@ from jaxsim.pix2pix.unet import cells_alone
 from jaxsim.prepare import input_channels
 from jaxsim.report.pictures import pair_picture
 from jaxsim.report.results import score_table
+from jaxsim.runs.frames import RunFrames, check_frames
 from jaxsim.runs.run import describe_run
 from jaxsim.simulate.grain import save_grain
 from jaxsim.simulate.grain_fit import learn_grain
@@ -67,9 +68,11 @@ def intensity_training(experiment: Experiment) -> Training:
 
     # Data: frames to aligned pairs on the camera's polar window, made once and kept (or by `jaxsim prepare`).
     dataset = open_dataset(data)
-    chosen = select(data.train, dataset)
+    chosen, judging = select(data.train, dataset), select(data.validation, dataset)
+    folder, frames = run_folder(settings), RunFrames.at(dataset, chosen, validation=judging)
+    check_frames(folder, frames)
     train = prepared(dataset, chosen, data, prepare=prepare)
-    validation = prepared(dataset, select(data.validation, dataset), data, prepare=prepare)
+    validation = prepared(dataset, judging, data, prepare=prepare)
     warn_of_seen_pairs(train, validation)
     # Scaled on the host where frames are magnified or cut, or where drives of other calibrations see other windows.
     size = prepare.network_size
@@ -116,7 +119,7 @@ def intensity_training(experiment: Experiment) -> Training:
         picture = pair_picture(validation[0], np.asarray(says.reported), title=f"step {step}")
         return score_pairs(predict, params, validation), picture
 
-    run, folder = describe_run(experiment, dataset.spec, train.record(0).view), run_folder(settings)
+    run = describe_run(experiment, dataset.spec, train.record(0).view)
 
     def finish(params: PyTree) -> RunScores:
         """Last scores; and how the cells of draws scatter together, where there is a distribution to draw from."""
@@ -128,6 +131,7 @@ def intensity_training(experiment: Experiment) -> Training:
 
     return Training(
         run=run,
+        frames=frames,
         steps=optim.steps,
         save_every=settings.save_every,
         judge_every=settings.picture_every,

@@ -13,6 +13,7 @@ from jaxsim.config import Experiment
 from jaxsim.files import differences, write_text
 from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
+from jaxsim.runs.frames import shared_frames
 from jaxsim.runs.kinds import Run, kind_of
 from jaxsim.runs.run import Checkpoints, load_run, start_run
 from jaxsim.train.training import licence_head
@@ -25,13 +26,14 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
     own share of the batch. Where `out` holds this very run already nothing changes.
 
     Raises ValueError where there are fewer than two runs, one is no U-Net's or joined itself, they differ in more than
-    the seed, or are at different steps.
+    the seed, learned from other frames (runs of earlier versions do not say), or are at different steps.
     """
     if len(set(folders)) < 2 or len(set(folders)) < len(folders):
         raise ValueError(f"join: {' '.join(map(str, folders)) or 'nothing'} is named; name two runs or more, each once")
     runs = [load_run(folder) for folder in folders]
     for folder, run in zip(folders, runs, strict=True):
         _check(folder, run, folders[0], first=runs[0])
+    frames = shared_frames(folders, by="join")
     checkpoints = [Checkpoints(folder) for folder in folders]
     steps = {str(folder): saved.latest for folder, saved in zip(folders, checkpoints, strict=True)}
     if len(set(steps.values())) > 1:
@@ -43,7 +45,7 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
     states = [saved.restore("state", alone) for saved in checkpoints]
     state = _of_members(states, like=state_shapes(joined.experiment, channels))
 
-    start_run(out, joined)
+    start_run(out, joined, frames)
     step, saved = int(state.step), Checkpoints(out)
     if step not in saved.steps:
         saved.save(step, state=state, generator=state.ema)

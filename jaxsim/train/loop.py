@@ -50,7 +50,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     training = training_of(experiment)
 
     # Run: a new folder, or the one that the same command began.
-    devices.by_first(lambda: start_run(folder, training.run))
+    devices.by_first(lambda: start_run(folder, training.run, training.frames))
     checkpoints, state = Checkpoints(folder, keep=settings.keep) if writes else None, training.state
     if checkpoints and checkpoints.latest:
         state = checkpoints.restore("state", state)

@@ -17,6 +17,7 @@ from jaxsim.config import RunConfig
 from jaxsim.files import write_text
 from jaxsim.metrics import Score
 from jaxsim.prefetch import prefetch
+from jaxsim.runs.frames import RunFrames
 from jaxsim.runs.kinds import AnyRun, kind_of
 
 Batch = dict[str, Any]
@@ -32,6 +33,8 @@ class Training:
     """One training, as the builder of its kind makes it. A step is an update: batch k makes step k + 1 of step k."""
 
     run: AnyRun
+    frames: RunFrames
+    """What it learns from, and is judged by."""
     steps: int
     save_every: int
     judge_every: int

@@ -11,6 +11,7 @@ from jaxsim.detect import LeftOut
 from jaxsim.detect.backbones import DOWN
 from jaxsim.detect.steps import REMEDIES
 from jaxsim.metrics import Score
+from jaxsim.runs.frames import RunFrames
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.train import loop
 from jaxsim.train.training import Training
@@ -59,6 +60,7 @@ def training(drops, experiment):
 
     return Training(
         run=DetectorRun(experiment, len(drops), 8),
+        frames=RunFrames(("a",), ("b",)),
         steps=len(drops),
         save_every=100,
         judge_every=100,

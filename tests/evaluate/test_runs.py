@@ -1,10 +1,16 @@
 """Scores of a run."""
 
+import shutil
+from dataclasses import replace
+
 from jaxsim.config import RunConfig
 from jaxsim.evaluate.intensity import baseline_sums
-from jaxsim.evaluate.runs import mean_words, scores_by_scene
+from jaxsim.evaluate.runs import mean_words, score_sensor, scores_by_scene
 from jaxsim.metrics.paired import total_scores
+from jaxsim.runs.frames import RunFrames
+from jaxsim.simulate.sensor import load
 from tests.evaluate.made import street
+from tests.untrained import tiny_experiment, untrained_run
 
 
 def test_scores_come_scene_by_scene():
@@ -21,3 +27,27 @@ def test_a_mean_of_five_epochs_needs_no_excuse_and_one_of_fewer_says_why():
     assert mean_words([5, 10], epochs).endswith(
         "the last 2 epochs (steps 5, 10); the paper's is of 5 (no more are there)"
     )
+
+
+def test_a_run_is_judged_by_name_where_a_drive_that_sorts_first_joined_its_data(raw_root, tmp_path, caplog):
+    """By position it would be judged on what it learned from, beside baselines of what it did not."""
+    data = {"kind": "kitti_raw", "root": raw_root, "train": "0-1", "validation": "2", "cache": tmp_path / "cache"}
+    experiment = tiny_experiment(**data)
+    prepare = replace(experiment.prepare, inputs=("rgb",), depth="ip_basic")
+    sensor = load(untrained_run(tmp_path / "run", replace(experiment, prepare=prepare)))
+    own = sensor.run.experiment.data
+    learned = [f"2011_09_26_drive_0001_sync-{k:010d}" for k in range(2)]
+    recorded = RunFrames((*learned,), ("2011_09_26_drive_0002_sync-0000000000",))
+    before = score_sensor(sensor, own, validation=own.validation, recorded=recorded)
+    caplog.clear()
+    date = raw_root / "2011_09_26"
+    shutil.copytree(date / "2011_09_26_drive_0002_sync", date / "2011_09_26_drive_0000_sync")
+
+    after = score_sensor(sensor, own, validation=own.validation, recorded=recorded)
+    assert after.pairs.names == before.pairs.names == [*recorded.validation]
+    assert after.scores == before.scores
+    told = [message for message in caplog.messages if "no longer those of the run" in message]
+    assert [message.split()[0] for message in told] == ["validation", "training"]
+    caplog.clear()
+    score_sensor(sensor, own, frames="1-2", recorded=recorded)
+    assert any("2 of the 2 frames that judge are training frames too" in m and learned[0] in m for m in caplog.messages)

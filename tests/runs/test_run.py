@@ -12,6 +12,7 @@ from jaxsim.config import Experiment
 from jaxsim.files import unlock
 from jaxsim.frame import Camera, CameraFrame
 from jaxsim.geometry import preset
+from jaxsim.runs.frames import RunFrames, read_frames
 from jaxsim.runs.run import describe_run, load_run, start_run
 
 CAMERA = Camera(np.eye(3, dtype=np.float32), np.eye(4, dtype=np.float32))
@@ -106,3 +107,21 @@ def test_a_moved_run_resumes(tmp_path):
     moved = dataclasses.replace(settings, name="b", out=tmp_path)
     start_run(tmp_path / "b", dataclasses.replace(first, experiment=dataclasses.replace(Experiment(), run=moved)))
     assert load_run(tmp_path / "b").experiment.run == moved
+
+
+def test_the_names_of_frames_are_kept_where_a_run_begins_and_never_beside_one_that_began_without(tmp_path):
+    first, second = RunFrames(("a",), ("b",)), RunFrames(("a",), ("c",))
+    start_run(tmp_path / "new", run(), first)
+    assert read_frames(tmp_path / "new") == first
+    start_run(tmp_path / "new", run(), second)
+    assert read_frames(tmp_path / "new") == second
+    start_run(tmp_path / "earlier", run())
+    start_run(tmp_path / "earlier", run(), first)
+    assert read_frames(tmp_path / "earlier") is None
+
+
+def test_a_refused_run_leaves_the_names_of_frames_as_they_were(tmp_path):
+    start_run(tmp_path, run(), RunFrames(("a",), ("b",)))
+    with pytest.raises(ValueError, match=r"optim\.lr"):
+        start_run(tmp_path, run(lr=0.1), RunFrames(("c",), ("b",)))
+    assert read_frames(tmp_path).train == ("a",)

@@ -10,6 +10,7 @@ import pytest
 
 from jaxsim.config import Experiment
 from jaxsim.pix2pix import make_generate, make_train_step, state_shapes
+from jaxsim.runs.frames import RunFrames, read_frames, write_frames
 from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.train.join import join_runs
 from tests.train.made_apart import CHANNELS, EXPERIMENT, trained_apart
@@ -107,3 +108,16 @@ def test_members_need_a_unet_and_equal_shares():
         ValueError, match=r"5 items a device cannot be shared by 2 networks .*--optim\.batch a multiple"
     ):
         jax.eval_shape(step, state_shapes(five, CHANNELS), shapes)
+
+
+def test_runs_that_learned_other_frames_are_not_joined_and_the_joined_run_knows_its_own(runs, tmp_path):
+    for folder in runs[:2]:
+        write_frames(folder, RunFrames(("a-0", "a-1"), ("b-0",)))
+    join_runs(runs[:2], tmp_path / "joined")
+    assert read_frames(tmp_path / "joined") == read_frames(runs[0])
+    join_runs(runs[1:], tmp_path / "unknown")  # the third is an earlier version's
+    assert read_frames(tmp_path / "unknown") is None
+    write_frames(runs[2], RunFrames(("a-0", "c-0"), ("b-0",)))
+    with pytest.raises(ValueError, match=r"third learned from other frames than .*first: 1 of its 2 .*a-1.*c-0"):
+        join_runs(runs, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -14,6 +14,7 @@ import pytest
 from jaxsim.config import DetectorExperiment, RunConfig
 from jaxsim.interrupts import terminable
 from jaxsim.metrics import Score
+from jaxsim.runs.frames import RunFrames, read_frames
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.metrics_log import TrainingDiverged
 from jaxsim.runs.run import Checkpoints
@@ -49,6 +50,7 @@ class Adding:
     def training(self, **changes) -> Training:
         made = Training(
             run=DetectorRun(self.experiment, 7, 1),
+            frames=RunFrames(("a-0", "a-1"), ("b-0",)),
             steps=7,
             save_every=3,
             judge_every=3,
@@ -83,6 +85,7 @@ def test_a_run_is_saved_judged_logged_and_described(tmp_path, monkeypatch, capsy
     ]
     assert [line["step"] for line in lines if "validation/sum" in line] == adding.judged == [3, 6, 7]
     assert Checkpoints(adding.folder).steps == [6, 7]
+    assert read_frames(adding.folder) == adding.training().frames
     assert sorted(path.name for path in (adding.folder / "figures").iterdir())[-1] == "step_000007.png"
     card = (adding.folder / "card.md").read_text()
     assert card.startswith(
