@@ -58,8 +58,9 @@ __all__ = [
 class Dataset(Protocol):
     """Frames by number, and the sensor that measured them.
 
-    One may also have `splits`, positions by the name of a part: `select("training", dataset)` takes it. One of files
-    has `files_of(i)`, those of a frame: what was made of it is made anew once they have changed.
+    One may also have `splits`, positions by the name of a part: `select("training", dataset)` takes it; and `lacks`, by
+    that name, what of a part is not there and what to do. One of files has `files_of(i)`, those of a frame: what was
+    made of it is made anew once they have changed.
     """
 
     name: str

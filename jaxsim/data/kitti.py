@@ -14,6 +14,7 @@ part of the points one line off.
 
 from __future__ import annotations
 
+import logging
 import re
 from collections import Counter
 from datetime import UTC, datetime
@@ -35,6 +36,8 @@ from jaxsim.files import files_in, read_text
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
+_log = logging.getLogger(__name__)
+
 DATE = re.compile(r"\d{4}_\d\d_\d\d")
 _FRAME = re.compile(r"\d+")
 SCANS = ("velodyne", "velodyne_reduced")
@@ -45,7 +48,7 @@ class KittiRaw:
     """Synced and rectified raw drives: every drive of every date under `root`, in order of name.
 
     A frame needs both its scan and its image: numbers that lack one are left out (drive 2011_09_26_drive_0009
-    lacks four scans), and so are drives that have no image at all. A drive is a scene.
+    lacks four scans), and so are drives that have no scan or no image at all, which it says. A drive is a scene.
     """
 
     name = "kitti_raw"
@@ -55,9 +58,12 @@ class KittiRaw:
         self._rows = check_rows(rows)
         drives = _drives(self.root)
         folders = {drive: (drive / "velodyne_points" / "data", drive / "image_02" / "data") for drive in drives}
-        whole = {drive: both for drive, both in folders.items() if all(map(_holds_frames, both))}
-        if not whole:  # the error of the first says what is missing
-            whole = dict(list(folders.items())[:1])
+        self._left_out = {drive: why for drive, both in folders.items() if (why := _lacking(*both))}
+        if why := next(iter(self._left_out.values()), ""):
+            if len(self._left_out) == len(folders):
+                raise ValueError(why)
+            _log.warning(f"{len(self._left_out)} of {len(folders)} drives left out: {why}")
+        whole = {drive: both for drive, both in folders.items() if drive not in self._left_out}
         self._frames = [(drive, number) for drive, both in whole.items() for number in _numbers(*both)]
 
     def __len__(self) -> int:
@@ -102,10 +108,17 @@ class KittiRaw:
         drives: dict[Path, list[int]] = {}
         for position, (drive, _) in enumerate(self._frames):
             drives.setdefault(drive, []).append(position)
-        short = {drive: re.sub(rf"^{DATE.pattern}_|_(sync|extract)$", "", drive.name) for drive in drives}
+        short = {drive: _short(drive) for drive in drives}
         times = Counter(short.values())
         names = {d: short[d] if times[short[d]] == 1 else d.name.removesuffix("_sync") for d in drives}
         return {names[drive]: positions for drive, positions in drives.items()}
+
+    @property
+    def lacks(self) -> dict[str, str]:
+        """Why a drive is left out, by its names."""
+        here = self.splits
+        named = {d: (_short(d), d.name.removesuffix("_sync")) for d in self._left_out}
+        return {name: self._left_out[d] for d, names in named.items() for name in names if name not in here}
 
     def _scan(self, index: int) -> Path:
         drive, number = self._frames[index]
@@ -171,28 +184,58 @@ class KittiObject:
         for position, scan in enumerate(self._frames):
             places.setdefault(scan.parent.parent.name, {})[scan.stem] = position
         splits = {name: list(numbers.values()) for name, numbers in places.items()}
-        for path in files_in(self.root / "ImageSets", ".txt"):
-            numbers = places.get("testing" if path.stem == "test" else "training", {})
+        for path in self._lists():
+            numbers = places.get(_part_of(path), {})
             splits[path.stem] = [numbers[n] for n in read_list(path) if n in numbers]
         return splits
+
+    @property
+    def lacks(self) -> dict[str, str]:
+        """What a list of ImageSets names and is not here, by the list's name."""
+        here = {(scan.parent.parent.name, scan.stem) for scan in self._frames}
+        lacks: dict[str, str] = {}
+        for path in self._lists():
+            named = read_list(path)
+            if not named:
+                lacks[path.stem] = f"{path} names no frame; write one number a line"
+            elif missing := [number for number in named if (_part_of(path), number) not in here]:
+                lacks[path.stem] = (
+                    f"{path} names {len(named)} frames, of which {len(named) - len(missing)} have a scan and an image "
+                    f"here; {_part_of(path)}/ lacks {missing[0]}, the first. Copy the rest, or go on with a list of "
+                    f"those that are here: another .txt in {path.parent}, called by its name"
+                )
+        return lacks
+
+    def _lists(self) -> list[Path]:
+        return files_in(self.root / "ImageSets", ".txt")
+
+
+def _part_of(path: Path) -> str:
+    """The folder whose frames a list names."""
+    return "testing" if path.stem == "test" else "training"
+
+
+def _short(drive: Path) -> str:
+    """A drive's name without its date, `drive_0009`."""
+    return re.sub(rf"^{DATE.pattern}_|_(sync|extract)$", "", drive.name)
 
 
 def _frames_in(folder: Path, *suffixes: str) -> list[str]:
     return [p.stem for p in files_in(folder, *suffixes) if _FRAME.fullmatch(p.stem)]
 
 
-def _holds_frames(folder: Path) -> bool:
-    return bool(_frames_in(folder, ".bin", ".png"))
+def _lacking(scans: Path, images: Path) -> str:
+    """What a drive or a part of the benchmark lacks, in words; empty where it has scans and images."""
+    wanted = {scans: ".bin", images: ".png"}
+    empty = [folder for folder, suffix in wanted.items() if not _frames_in(folder, suffix)]
+    return f"kitti: {listing(empty[0])}; expected NUMBER{wanted[empty[0]]} files in it" if empty else ""
 
 
 def _numbers(scans: Path, images: Path) -> list[str]:
     """Frame numbers that have a scan and an image."""
-    numbers = []
-    for folder, suffix in ((scans, ".bin"), (images, ".png")):
-        names = _frames_in(folder, suffix)
-        if not names:
-            raise ValueError(f"kitti: {listing(folder)}; expected NUMBER{suffix} files in it")
-        numbers.append(set(names))
+    if why := _lacking(scans, images):
+        raise ValueError(why)
+    numbers = set(_frames_in(scans, ".bin")), set(_frames_in(images, ".png"))
     both = sorted(set.intersection(*numbers))
     if not both:
         raise ValueError(
@@ -231,8 +274,12 @@ def _object_folders(root: Path) -> list[Path]:
     error says what it lacks."""
     folders = [root / name for name in ("training", "testing") if (root / name).is_dir()]
     if folders:
-        whole = [folder for folder in folders if _is_whole(folder)]
-        return whole or folders[:1]
+        lacking = {folder: why for folder in folders if (why := _part_lacks(folder))}
+        if len(lacking) == len(folders):
+            return folders[:1]
+        for folder, why in lacking.items():
+            _log.warning(f"{folder} left out: {why}")
+        return [folder for folder in folders if folder not in lacking]
     if (root / "image_2").is_dir():
         raise ValueError(f"kitti: {root} is a split of the object benchmark; pass the folder above it")
     if root.is_dir() and any(DATE.fullmatch(p.name) for p in root.iterdir()):
@@ -240,8 +287,10 @@ def _object_folders(root: Path) -> list[Path]:
     raise ValueError(f"kitti: no training/: {listing(root)}; pass the folder that holds training/velodyne")
 
 
-def _is_whole(folder: Path) -> bool:
-    return any(_holds_frames(folder / name) for name in SCANS) and _holds_frames(folder / "image_2")
+def _part_lacks(folder: Path) -> str:
+    """As `_lacking`, of scans in any of the folders that may hold them."""
+    reasons = [_lacking(folder / name, folder / "image_2") for name in SCANS]
+    return reasons[0] if all(reasons) else ""
 
 
 def _object_frames(folder: Path) -> list[Path]:

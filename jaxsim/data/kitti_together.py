@@ -69,6 +69,14 @@ class KittiTogether:
             splits |= {key: positions for key, positions in of_part.items() if times[key] == 1 and key not in READERS}
         return splits
 
+    @property
+    def lacks(self) -> dict[str, str]:
+        """What is not there of a part of one of the three, by its name; nothing of names that two of them have."""
+        parts = self.parts.values()
+        times = Counter(name for part in parts for name in {*part.splits, *getattr(part, "lacks", {})})
+        lacking = [item for part in parts for item in getattr(part, "lacks", {}).items()]
+        return {name: why for name, why in lacking if times[name] == 1}
+
     def _place(self, index: int) -> tuple[KittiRaw | KittiObject | KittiOdometry, int]:
         """The part that holds a position, and the position there."""
         if not 0 <= index < len(self):

@@ -15,8 +15,8 @@ _SPLIT = re.compile(r"((?:\d+_)*[A-Za-z]\w*)(?:\s*:\s*([1-9]\d*))?")
 def select(text: str, dataset: Sized) -> list[int]:
     """The positions that `text` names in a data set, in the order written. A name is one of the data set's `splits`.
 
-    Raises ValueError for what is no number, range or split, runs backwards, comes twice, or lies beyond the end, and
-    where `all but ...` leaves nothing.
+    Raises ValueError for what is no number, range or split, runs backwards, comes twice, or lies beyond the end, for a
+    split of which something is not there (the data set's `lacks`), and where `all but ...` leaves nothing.
     """
     if excepted := _ALL_BUT.fullmatch(text):
         left_out = set(select(excepted[1], dataset))
@@ -56,6 +56,8 @@ def _range(text: str, part: str, length: int) -> range:
 
 def _split(text: str, match: re.Match[str], dataset: Sized) -> list[int]:
     splits: dict[str, list[int]] = getattr(dataset, "splits", {})
+    if why := getattr(dataset, "lacks", {}).get(match[1]):
+        raise ValueError(f"frames {text!r}: {why}")
     if match[1] not in splits:
         known = f", and the data set has no part of that name; it has {', '.join(splits)}" if splits else ""
         raise ValueError(f"frames {text!r}: {match[1]!r} is no frame number{known}; write e.g. 0-3,7 or 0-8:4")

@@ -1,3 +1,4 @@
+import re
 import shutil
 
 import numpy as np
@@ -48,6 +49,35 @@ def test_drives_without_images_or_scans_do_no_harm(raw_root):
     before = [frame for frame in KittiRaw(raw_root)._frames if "0000_sync" not in frame[0].name]
     assert KittiRaw(raw_root)._frames == before
     assert len(before) > 0
+
+
+def test_a_drive_of_images_that_are_not_png_is_told_and_refused_by_name(raw_root, caplog):
+    date = raw_root / "2011_09_26"
+    (date / "2011_09_26_drive_0002_sync/image_02/data/0000000000.png").rename(
+        date / "2011_09_26_drive_0002_sync/image_02/data/0000000000.jpg"
+    )
+    dataset = KittiRaw(raw_root)
+    why = r"drive_0002_sync/image_02/data holds 0000000000\.jpg; expected NUMBER\.png files in it"
+    assert re.search(rf"1 of 2 drives left out: kitti: .*{why}", caplog.messages[0])
+    for name in ("drive_0002", "all but 2011_09_26_drive_0002"):
+        with pytest.raises(ValueError, match=why):
+            select(name, dataset)
+    assert select("all but 0", dataset) == [1]
+    shutil.rmtree(date / "2011_09_26_drive_0001_sync")
+    with pytest.raises(ValueError, match=why):
+        KittiRaw(raw_root)
+
+
+def test_a_drive_that_is_left_out_takes_no_name_from_one_that_is_there(raw_root):
+    other = raw_root / "2011_09_28"
+    shutil.copytree(raw_root / "2011_09_26", other)
+    for drive in other.glob("*_sync"):
+        shutil.rmtree(drive / "image_02")
+        drive.rename(other / drive.name.replace("09_26", "09_28"))
+    dataset = KittiRaw(raw_root)
+    assert select("drive_0001", dataset) == [0, 1]
+    with pytest.raises(ValueError, match=r"no folder .*2011_09_28_drive_0001_sync/image_02/data"):
+        select("2011_09_28_drive_0001", dataset)
 
 
 def test_drives_are_parts_by_name(raw_root):

@@ -1,5 +1,6 @@
 """KITTI's benchmarks as one data set, and the object benchmark's `testing`."""
 
+import re
 import shutil
 
 import numpy as np
@@ -37,9 +38,29 @@ def test_lists_name_frames_of_their_own_part(with_testing):
     assert (select("val", dataset), select("test", dataset)) == ([0], [1])
 
 
-def test_a_part_without_images_does_no_harm_and_testing_alone_will_do(with_testing):
+@pytest.mark.parametrize(("numbers", "here"), [(("000007", "000008", "000009"), 1), (("000008", "000009"), 0)])
+def test_a_list_of_frames_that_are_not_all_there_is_refused_with_what_is_missing(with_testing, numbers, here):
+    (with_testing / "ImageSets").mkdir()
+    (with_testing / "ImageSets/train.txt").write_text("\n".join(numbers))
+    (with_testing / "ImageSets/val.txt").write_text("000007\n")
+    together = with_testing.parent / "kitti"
+    together.mkdir()
+    (together / "object").symlink_to(with_testing)
+    for dataset in (KittiObject(with_testing), open_dataset("kitti", together)):
+        told = rf"train\.txt names {len(numbers)} frames, of which {here} have .*; training/ lacks 000008, the first\."
+        for text in ("train", "train:2", "all but train"):
+            with pytest.raises(ValueError, match=told):
+                select(text, dataset)
+        assert select("val", dataset) == [0]
+        (with_testing / "ImageSets/none.txt").touch()
+        with pytest.raises(ValueError, match=r"none\.txt names no frame; write one number a line"):
+            select("none", dataset)
+
+
+def test_a_part_without_images_does_no_harm_and_testing_alone_will_do(with_testing, caplog):
     shutil.rmtree(with_testing / "testing/image_2")
     assert len(KittiObject(with_testing)) == 1
+    assert re.search(r"testing left out: kitti: there is no folder .*testing/image_2; expected", caplog.messages[0])
     shutil.rmtree(with_testing / "testing")
     (with_testing / "training").rename(with_testing / "testing")
     assert [KittiObject(with_testing).name_of(0)] == ["testing-000007"]
