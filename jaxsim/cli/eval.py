@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -14,14 +15,13 @@ from jaxsim.cli.eval_detection import judge_run
 from jaxsim.cli.source import SAME, DataSource
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.evaluate.intensity import frechet_line
-from jaxsim.evaluate.runs import score_sensor
-from jaxsim.files import file_of
+from jaxsim.evaluate.runs import SensorScores, score_sensor
 from jaxsim.metrics.inception import open_extractor
-from jaxsim.report.pictures import pair_picture, save_picture
+from jaxsim.report.pictures import Rgb, pair_picture, save_pictures
 from jaxsim.report.results import write_frechet, write_scores
 from jaxsim.runs.frames import read_frames
 from jaxsim.runs.run import is_detector
-from jaxsim.simulate.sensor import load
+from jaxsim.simulate.sensor import LearnedSensor, load
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,8 @@ class Evaluation(Checked):
 
     The baselines are fitted to the run's own training frames; where two scenes or more are judged, every score has its
     interval over them. Writes scores.json, scores.md and pictures (input | predicted | measured | difference, and
-    the spread where the network gives one) to RUN/evaluation. Of a detector's run: KITTI's average precision.
+    the spread where the network gives one) to RUN/evaluation, in the place of an earlier evaluation's. Of a detector's
+    run: KITTI's average precision.
 
     Also: jaxsim eval generation (two folders of frames or clouds), jaxsim eval detection (KITTI result files),
     jaxsim eval ablation (networks of different inputs in one table); each has its own --help.
@@ -91,13 +92,17 @@ class Evaluation(Checked):
             scenes=judged.scenes,
             distribution=judged.distribution,
         )
-        for name, pair in islice(zip(pairs.names, pairs, strict=True), self.pictures):
-            says = judged.predict(sensor.params, pair)
-            spread = None if says.quantiles is None else np.asarray(says.quantiles[..., -1] - says.quantiles[..., 0])
-            picture = pair_picture(pair, np.asarray(says.reported), title=name, spread=spread)
-            save_picture(file_of(out, name, ".png", by="eval"), picture)
+        save_pictures(out, islice(_drawn(judged, sensor), self.pictures), by="eval")
         print(f"{len(pairs)} frames of {data.kind}\n\n{tables}\n")
         if extractor and judged.frechet:
             write_frechet(out, judged.frechet, extractor=extractor.name)
             print(f"{frechet_line(judged.frechet)}\n")
         print(f"scores and pictures: {out}")
+
+
+def _drawn(judged: SensorScores, sensor: LearnedSensor) -> Iterator[tuple[str, Rgb]]:
+    """The name and the picture of each judged frame."""
+    for name, pair in zip(judged.pairs.names, judged.pairs, strict=True):
+        says = judged.predict(sensor.params, pair)
+        spread = None if says.quantiles is None else np.asarray(says.quantiles[..., -1] - says.quantiles[..., 0])
+        yield name, pair_picture(pair, np.asarray(says.reported), title=name, spread=spread)

@@ -8,13 +8,12 @@ from pathlib import Path
 from jaxsim.cli.source import DataSource
 from jaxsim.evaluate.detector import mean_curves
 from jaxsim.evaluate.runs import mean_words, score_checkpoints
-from jaxsim.files import file_of
 from jaxsim.metrics.detection import DIFFICULTIES, METRICS, OVERLAP_SETS, SCORED, MatchingRules, evaluate
 from jaxsim.metrics.detection.files import frame_list, frames_with_results, read_detections, read_truth
 from jaxsim.progress import Progress
 from jaxsim.report.boxes import detection_picture
 from jaxsim.report.detection import detection_table, mean_table, write_detection
-from jaxsim.report.pictures import save_picture
+from jaxsim.report.pictures import save_pictures
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import load_run
 
@@ -83,8 +82,9 @@ def judge_run(run: Path, data: DataSource, *, frames: str, out: Path) -> None:
     mean = mean_words(steps, experiment.run), mean_curves(judged.per_step)
     about = {"run": str(run), "data": source.kind, "frames": len(scenes), "step": steps[-1], "rules": "official"}
     write_detection(out, curves, about=about | {"mean_of_steps": steps}, mean=mean)
-    for scene, boxes in zip(scenes, judged.detections[:PICTURES], strict=False):
-        picture = detection_picture(scene, boxes, experiment.voxels.range_m, title="")
-        save_picture(file_of(out, scene.name, ".png", by="eval"), picture)
+    both = zip(scenes, judged.detections[:PICTURES], strict=False)
+    range_m = experiment.voxels.range_m
+    drawn = ((scene.name, detection_picture(scene, boxes, range_m, title="")) for scene, boxes in both)
+    save_pictures(out, drawn, by="eval")
     print(f"{len(scenes)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(curves)}\n")
     print(f"{mean[0]}\n\n{mean_table(mean[1])}\n\nscores, curves and pictures: {out}")

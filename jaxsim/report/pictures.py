@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import json
+import logging
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
-from jaxsim.files import write_image
+from jaxsim.files import file_of, files_in, read_entry, write_image, write_text
 from jaxsim.frame import DepthFrame, Painted, Pair, PolarImage
+
+_log = logging.getLogger(__name__)
 
 Rgb = UInt8[np.ndarray, "_ _ 3"]
 """A picture, rows x columns; pictures of one call may differ in size."""
@@ -96,6 +102,37 @@ def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (5
 def save_picture(path: Path, picture: Rgb) -> Path:
     """Writes an RGB picture as PNG (or by suffix), whole or not at all."""
     return write_image(path, picture, by="pictures")
+
+
+def save_pictures(folder: Path, pictures: Iterable[tuple[str, Rgb]], *, by: str) -> None:
+    """Writes NAME.png of each (name, picture) in the place of those that an earlier call wrote: a picture of a frame
+    that is judged no more would stand beside scores of others.
+
+    Only a file that is still as it was written is removed, by the SHA-256 that pictures.json keeps; other pictures that
+    lie there are told. `by` names the command. Raises ValueError where a name can be no file's.
+    """
+    record = folder / "pictures.json"
+    earlier: dict[str, str] = {}
+    with suppress(ValueError, OSError):  # none, or a damaged one, by which nothing is removed
+        earlier = read_entry(record, "sha256", dict[str, str], by=by)
+    for path in files_in(folder, ".png"):
+        if not path.is_symlink() and earlier.get(path.name) == _sha256(path):
+            path.unlink()
+    record.unlink(missing_ok=True)
+    written: dict[str, str] = {}
+    for name, picture in pictures:
+        path = save_picture(file_of(folder, name, ".png", by=by), picture)
+        written[path.name] = _sha256(path)
+        write_text(record, json.dumps({"sha256": written}, indent=1))
+    if others := [path.name for path in files_in(folder, ".png") if path.name not in written]:
+        _log.warning(
+            f"{by}: of the pictures in {folder} {len(others)} were there before (the first: {others[0]}); delete those "
+            "of an earlier evaluation"
+        )
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def intensity_panel(intensity: Raster, valid: _Mask) -> Rgb:

@@ -17,7 +17,6 @@ from markupsafe import Markup
 from jaxsim.config import DataConfig, Experiment, InputName, PrepareConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.evaluate.intensity import baseline_scores, frechet_line, frechet_of_run, require_images, score_pairs
-from jaxsim.files import file_of
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
@@ -25,7 +24,7 @@ from jaxsim.metrics.inception import Extractor
 from jaxsim.pairs.prepared import prepared
 from jaxsim.prepare import edge_map
 from jaxsim.report.page import figure, image, join_parts, paragraph, section, table, whole_page
-from jaxsim.report.pictures import NO_RETURN, Raster, Rgb, beside, input_panels, intensity_panel, save_picture, strip
+from jaxsim.report.pictures import NO_RETURN, Raster, Rgb, beside, input_panels, intensity_panel, save_pictures, strip
 from jaxsim.report.results import (
     Scores,
     list_facts,
@@ -189,8 +188,7 @@ def compare_networks(
         drawn[judged.names[k]] = ablation_picture(pair.painted, outputs, pair.measured)
     if unmeasured:
         drawn |= draw_unmeasured(sensors, *unmeasured)
-    for name, picture in drawn.items():
-        save_picture(file_of(out / "pictures", name.replace("/", "_"), ".png", by="ablation"), picture)
+    save_pictures(out / "pictures", [(name.replace("/", "_"), one) for name, one in drawn.items()], by="ablation")
 
     about = {"data": data.kind, "training frames": data.train, "judged frames": str(len(judged))}
     if others := besides(prepare.inputs):

@@ -15,6 +15,7 @@ from jaxsim.report.pictures import (
     intensity_panel,
     pair_picture,
     save_picture,
+    save_pictures,
     simulated_picture,
     strip,
 )
@@ -99,3 +100,31 @@ def test_a_spread_is_a_panel_of_its_own_below_the_difference(pair: Pair):
     picture = pair_picture(pair, np.asarray(pair.target), title="step 3", spread=spread)
     np.testing.assert_array_equal(picture[: len(without)], without)
     assert picture.shape[0] == len(without) // 6 * 7
+
+
+def test_pictures_of_other_frames_take_the_place_of_an_earlier_calls_and_of_nothing_else(tmp_path, caplog):
+    grey = np.full((4, 6, 3), 90, np.uint8)
+
+    def there() -> list[str]:
+        return sorted(path.name for path in tmp_path.glob("*.png"))
+
+    save_pictures(tmp_path, [("a", grey), ("b", grey), ("c", grey)], by="eval")
+    assert not caplog.messages
+    (tmp_path / "b.png").write_bytes(b"drawn over by the user")
+    (tmp_path / "notes.png").write_bytes((tmp_path / "a.png").read_bytes())
+    (tmp_path / "c.png").rename(tmp_path / "kept.png")
+    (tmp_path / "c.png").symlink_to("kept.png")
+    save_pictures(tmp_path, [("d", grey)], by="eval")
+    assert there() == ["b.png", "c.png", "d.png", "kept.png", "notes.png"]
+    assert "4 were there before (the first: b.png)" in caplog.messages[0]
+    save_pictures(tmp_path, [], by="eval")
+    assert "d.png" not in there()
+
+
+def test_without_a_record_that_can_be_read_no_picture_is_removed(tmp_path, caplog):
+    grey = np.full((4, 6, 3), 90, np.uint8)
+    save_pictures(tmp_path, [("a", grey)], by="eval")
+    (tmp_path / "pictures.json").write_text('{"sha256": {"a.png"')
+    save_pictures(tmp_path, [("b", grey)], by="eval")
+    assert (tmp_path / "a.png").is_file()
+    assert "1 were there before (the first: a.png)" in caplog.messages[0]
