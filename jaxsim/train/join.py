@@ -32,8 +32,10 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
         raise ValueError(f"join: {' '.join(map(str, folders)) or 'nothing'} is named; name two runs or more, each once")
     runs = [load_run(folder) for folder in folders]
     for folder, run in zip(folders, runs, strict=True):
-        _check(folder, run, folders[0], first=runs[0])
+        _check(folder, run, first=runs[0])
     frames = shared_frames(folders, by="join")
+    for folder, run in zip(folders, runs, strict=True):
+        _check_sensor(folder, run, folders[0], first=runs[0])
     checkpoints = [Checkpoints(folder) for folder in folders]
     steps = {str(folder): saved.latest for folder, saved in zip(folders, checkpoints, strict=True)}
     if len(set(steps.values())) > 1:
@@ -53,8 +55,8 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
     return joined
 
 
-def _check(folder: Path, run: Run, other: Path, *, first: Run) -> None:
-    """Raises ValueError where a run cannot be joined to the first."""
+def _check(folder: Path, run: Run, *, first: Run) -> None:
+    """Raises ValueError where a run is none that can be joined, or has other settings than the first."""
     generator = run.experiment.generator
     if generator.form != "unet" or generator.members > 1:
         what = f"{generator.form}'s" if generator.form != "unet" else "joined itself"
@@ -63,6 +65,10 @@ def _check(folder: Path, run: Run, other: Path, *, first: Run) -> None:
     plain = kind_of(first).plain
     if differs := list(differences(plain(first.experiment), plain(alike))):
         raise ValueError(f"join: of {folder} {', '.join(differs)}; runs that are joined differ in their seed alone")
+
+
+def _check_sensor(folder: Path, run: Run, other: Path, *, first: Run) -> None:
+    """Raises ValueError where a run is of another sensor than the first."""
     if (run.spec, run.intrinsics, run.cam_from_velo) != (first.spec, first.intrinsics, first.cam_from_velo):
         raise ValueError(f"join: {folder} has another sensor or camera than {other}; join runs of one data set")
 

@@ -32,6 +32,7 @@ from jaxsim.geometry import preset
 from jaxsim.metrics.frechet import halves, load_halves, save_halves
 from jaxsim.pairs.prepared import pairs_fingerprint, pairs_folder, prepared
 from jaxsim.pairs.shards import MadePair, read_note, write_shard
+from jaxsim.runs.frames import RunFrames, read_frames, write_frames
 from jaxsim.runs.kinds import DepthRun, DetectorRun, Run
 from jaxsim.runs.metrics_log import MetricsLog, read_metrics
 from jaxsim.runs.run import Checkpoints, load_run, start_run
@@ -313,6 +314,7 @@ MADE: dict[str, Reader] = {
     "config.json, depth": Reader(
         lambda f: _run(f, DepthRun(DepthExperiment())), lambda f: load_run(f, DepthRun), _FILES, largest=1e12
     ),
+    "frames.json": Reader(lambda f: write_frames(f, RunFrames(("a-0", "a-1"), ("b-0",))), read_frames),
     "experiment": Reader(
         lambda f: _run(f, _sensor_run()), lambda f: read_experiment(f / "config.json"), _FILES, largest=1e12
     ),

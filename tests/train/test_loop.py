@@ -11,14 +11,15 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from jaxsim.config import DetectorExperiment, RunConfig
+from jaxsim.config import DataConfig, DepthExperiment, DetectorExperiment, Experiment, LossConfig, RunConfig
 from jaxsim.interrupts import terminable
 from jaxsim.metrics import Score
-from jaxsim.runs.frames import RunFrames, read_frames
+from jaxsim.runs.frames import RunFrames, read_frames, write_frames
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.metrics_log import TrainingDiverged
 from jaxsim.runs.run import Checkpoints
 from jaxsim.train import train
+from jaxsim.train.loop import training_of
 from jaxsim.train.training import Training
 
 
@@ -212,3 +213,20 @@ def test_a_step_whose_picture_found_no_room_is_judged_again(tmp_path, monkeypatc
     assert Adding(tmp_path / "run").run(monkeypatch) == whole
     pictures = [sorted(path.name for path in (tmp_path / name / "figures").iterdir()) for name in ("whole", "run")]
     assert pictures[0] == pictures[1]
+
+
+@pytest.mark.parametrize("kind", [Experiment, DetectorExperiment, DepthExperiment])
+def test_a_run_that_learned_from_other_frames_is_refused_before_time_goes_into_these(tmp_path, kind):
+    """As where a drive that sorts first joined the data set, so that the same positions are other frames."""
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "config.json").write_text("{}")
+    write_frames(tmp_path / "run", RunFrames(("synthetic-0-000000", "gone"), ("synthetic-0-000007",)))
+    data = DataConfig(train="0-1", validation="7", cache=tmp_path / "cache")
+    experiment = replace(kind(), data=data, run=RunConfig(name="run", out=tmp_path))
+    if isinstance(experiment, Experiment):
+        experiment = replace(experiment, loss=LossConfig(perceptual=0.0))
+    told = (
+        r"learned from other frames .*: 1 of its 2 .*\(the first: gone\), 1 are new \(the first: synthetic-0-000001\)"
+    )
+    with pytest.raises(ValueError, match=told):
+        training_of(experiment)
