@@ -156,11 +156,11 @@ def learn(form: Form, problem: Problem, result: Fit) -> LearnedFit:
 
 
 def leaves_nothing(
-    null: Problem, dependence: Dependence, curve: Candidate, effects: Sequence[Law], *, bar: float = RULES.bar_nats
+    null: Problem, curve: tuple[Dependence, Candidate], effects: Sequence[Law], *, bar: float = RULES.bar_nats
 ) -> bool:
     """Whether none of the `effects` is accepted any more with the law of a free curve in place, fitted to all find
     scenes."""
-    form = Form.of(null, dependence, curve)
+    form = Form.of(null, *curve)
     start = to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1])
     [law] = refit(null, [form.law], [start])
     beside = refitted(in_place(null, [(law.effect, law.fit.z)]))

@@ -28,7 +28,9 @@ from jaxsim.effects.effect import CHANNELS
 Along = tuple[str, str]
 """A free curve's channel and covariate."""
 
-LeavesNothing = Callable[[Dependence, Candidate, Sequence[Law]], bool]
+Curve = tuple[Dependence, Candidate]
+"""A free curve, and along what it runs."""
+LeavesNothing = Callable[[Curve, Sequence[Law]], bool]
 """Whether the law of a free curve, in place, leaves effects nothing to say."""
 
 MUTUAL = "with the sides exchanged it is found as well"
@@ -68,7 +70,7 @@ def name_effects(
     without: Sequence[str] = (),
     exchanged: Callable[[], Exchanged] | None = None,
     noise_grows: Callable[[], bool] = lambda: True,
-    leaves_nothing: LeavesNothing = lambda dependence, curve, effects: False,
+    leaves_nothing: LeavesNothing = lambda curve, effects: False,
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
@@ -146,7 +148,7 @@ def decide(
     scene: Int[np.ndarray, " b"],
     without: Sequence[str] = (),
     but: Sequence[Along] = (),
-    leaves_nothing: LeavesNothing = lambda dependence, curve, effects: False,
+    leaves_nothing: LeavesNothing = lambda curve, effects: False,
 ) -> Answer:
     """The answer, what is named in it, and what a free curve still finds.
 
@@ -159,7 +161,7 @@ def decide(
     outside = None
     if curves:
         more = outdone(choice, *curves[0], numbers=curve_numbers(null, curves[0][0]))
-        outside = curves[0] if more or pieced(choice, *curves[0], leaves_nothing) else None
+        outside = curves[0] if more or pieced(choice, curves[0], leaves_nothing) else None
     if outside:
         steps = tuple(step for step in choice.steps if stands(step, outside[0].channel))
         if not steps:
@@ -173,14 +175,15 @@ def decide(
     return named_answer(choice, scene=scene, without=without, but=but)
 
 
-def pieced(choice: Choice, dependence: Dependence, curve: Candidate, leaves_nothing: LeavesNothing) -> bool:
+def pieced(choice: Choice, curve: Curve, leaves_nothing: LeavesNothing) -> bool:
     """Whether several effects of a channel piece together what a free curve says alone: with its law in place none of
     them is accepted any more."""
+    dependence, fitted = curve
     of_channel = [step.chosen.effect for step in choice.steps if dependence.channel in step.chosen.effect.channels]
     pieces = [effect for effect in of_channel if effect.name not in FINEST]
     # To fit the law costs seconds: not where the curve says little of what they do.
-    much = curve.total >= RULES.weak_share * sum(step.chosen.total for step in choice.steps)
-    return len(pieces) >= RULES.curve_pieces and much and leaves_nothing(dependence, curve, pieces)
+    much = fitted.total >= RULES.weak_share * sum(step.chosen.total for step in choice.steps)
+    return len(pieces) >= RULES.curve_pieces and much and leaves_nothing(curve, pieces)
 
 
 def asked(curves: Sequence[tuple[Dependence, Candidate]], but: Sequence[Along]) -> list[tuple[Dependence, Candidate]]:

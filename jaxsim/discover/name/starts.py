@@ -19,8 +19,8 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.places import longest_run, spans_turn, within_turn
 
-LOST_NATS, RETURNED_NATS = np.log(90.0), np.log(0.1)
-"""What a ray says for being hidden, of which nine of ten are lost, as against one of a hundred of others."""
+LOST_SAYS, RETURNED_SAYS = np.log(90.0), np.log(0.1)
+"""Nats by which a ray speaks for being hidden: of those that are, nine of ten are lost, of others one of a hundred."""
 PAST_M = (0.02, 0.05, 0.1)
 """How far past a border between lost and returned rays a gate may lie."""
 BIN_RAD = np.deg2rad(1.0)
@@ -58,7 +58,7 @@ def _gate(problem: Problem) -> tuple[Start, ...]:
         # From the end at which rays are lost, the border lies where the log-likelihood ratio of `gate here` to `no
         # gate` is largest: a cumulative sum.
         order = np.argsort(sign * r)
-        score = np.cumsum(np.where(lost[order], LOST_NATS, RETURNED_NATS))
+        score = np.cumsum(np.where(lost[order], LOST_SAYS, RETURNED_SAYS))
         score = score[: int(np.argmax(score < -RULES.gate_nats)) or None]  # returns have begun
         if len(score) and score.max() > RULES.gate_nats:
             border = float(r[order][int(score.argmax())])
@@ -71,7 +71,10 @@ def _sector(problem: Problem) -> tuple[Start, ...]:
     best."""
     ev = problem.ev
     hit = ev.rays.hit
-    azimuth, elevation, lost = ev.rays.azimuth_rad[hit], ev.rays.elevation_rad[hit], ~ev.returned[hit]
+    azimuth, elevation = ev.rays.azimuth_rad[hit], ev.rays.elevation_rad[hit]
+    lost = ~ev.returned[hit]
+    if not len(lost):
+        return ()
     closed = bool(spans_turn(problem.scan.grid))
     starts = _hidden(azimuth, lost, closed=closed)
     below = _hidden_below(_bins(azimuth, closed=closed), elevation, lost)
@@ -82,8 +85,9 @@ def _sector(problem: Problem) -> tuple[Start, ...]:
 
 
 def _bins(azimuth: Float[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, " n"]:
+    """Bins of azimuth, counted from behind the car; of a window, which may lie across the cut, from its border."""
     bins = np.floor((azimuth + np.pi) / BIN_RAD).astype(int)
-    return bins % TURN_BINS if closed else bins
+    return bins % TURN_BINS if closed else bins - bins.min()
 
 
 def _hidden_below(
@@ -91,15 +95,14 @@ def _hidden_below(
 ) -> float | None:
     """The elevation below which bins of azimuth are hidden most surely; None where it is no row's, or nothing is."""
     rows, at = np.unique(elevation, return_inverse=True)
-    shape = (azimuth_bin.max(initial=0) + 1, len(rows))
+    shape = (azimuth_bin.max() + 1, len(rows))
     # Rays and lost rays of each bin up to each elevation.
-    count, gone = (
-        np.cumsum(np.bincount(azimuth_bin * shape[1] + at, weights, shape[0] * shape[1]).reshape(shape), axis=1)
-        for weights in (np.ones(len(at)), lost)
-    )
-    nats = gone * LOST_NATS + (count - gone) * RETURNED_NATS
+    cell = azimuth_bin * shape[1] + at
+    count = np.cumsum(np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape), axis=1)
+    gone = np.cumsum(np.bincount(cell, lost, shape[0] * shape[1]).reshape(shape), axis=1)
+    nats = gone * LOST_SAYS + (count - gone) * RETURNED_SAYS
     told = np.where(gone > RULES.hidden_share * count, nats, 0).sum(0)
-    best = int(told.argmax()) if len(told) else 0
+    best = int(told.argmax())
     if best + 1 >= len(told) or told[best] <= RULES.gate_nats:
         return None
     return float(rows[best : best + 2].mean())
@@ -116,7 +119,9 @@ def _hidden(azimuth: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"], *, c
         return ()
     run = longest_run(hidden, closed=closed)
     turn, place = np.divmod(run[[0, -1]], len(seen))
-    middle = ((seen[place] + TURN_BINS * turn).mean() + 0.5) * BIN_RAD - np.pi
+    # A window's bins are counted from its border; in steps of bins from behind the car, as all are.
+    first = -np.pi if closed else np.floor((azimuth.min() + np.pi) / BIN_RAD) * BIN_RAD - np.pi
+    middle = float(((seen[place] + TURN_BINS * turn).mean() + 0.5) * BIN_RAD + first)
     away = within_turn(azimuth - middle) if closed else azimuth - middle
     right = float(np.mean(_border(away[away >= 0], lost[away >= 0])))
     left = -float(np.mean(_border(-away[away < 0], lost[away < 0])))
@@ -130,7 +135,7 @@ def _border(away: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"]) -> tupl
     if not len(away):
         return 0.0, 0.0
     order = np.argsort(away)
-    last = away[order][np.cumsum(np.where(lost[order], LOST_NATS, RETURNED_NATS)).argmax()]
+    last = away[order][np.cumsum(np.where(lost[order], LOST_SAYS, RETURNED_SAYS)).argmax()]
     beyond = away[away > last]
     return float(last), float(beyond.min() if len(beyond) else last)
 

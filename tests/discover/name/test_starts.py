@@ -99,3 +99,18 @@ def test_a_sector_is_known_to_the_rays_beside_its_borders(problem):
     assert between["azimuth_rad"] == pytest.approx((min(middles), max(middles)), abs=1e-5)
     everywhere = changed(problem, returned=np.asarray(ev.returned) & (np.abs(azimuth - 0.8) > 0.3))
     assert sector_between(everywhere, values | {"below_rad": np.pi / 2})["below_rad"][1] == pytest.approx(np.pi / 2)
+
+
+def test_a_hidden_sector_of_a_window_across_the_cut_is_one(problem):
+    """Azimuths of a window need not lie within -pi and pi."""
+    ev = problem.ev
+    azimuth = np.asarray(ev.rays.azimuth_rad)
+    hit = np.asarray(ev.rays.hit) & (np.abs(azimuth) < 2.0)
+    hidden = np.abs(azimuth - 0.8) <= 0.3
+    window = problem.scan.grid.replace(azimuth_rad=problem.scan.grid.azimuth_rad[20:40] - np.pi)
+    rays = ev.rays.replace(azimuth_rad=jnp.asarray(azimuth - np.pi), hit=jnp.asarray(hit))
+    evidence = ev.replace(rays=rays, returned=jnp.asarray(np.asarray(ev.returned) & ~hidden))
+    behind = replace(problem, ev=evidence, scan=problem.scan.replace(grid=window))
+    start = starts_of(behind)["sector_occlusion"][1]
+    assert abs(np.angle(np.exp(1j * (start["azimuth_rad"] - (0.8 - np.pi))))) < 0.15
+    assert start["width_rad"] == pytest.approx(0.6, abs=0.3)
