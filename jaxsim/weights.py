@@ -10,9 +10,8 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from jaxsim.files import array_names, check_size, parse_json, placed, read_array
 
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
-_Network = TypeVar("_Network")
 Values = dict[str, Any]
 """A network's parameters and statistics: nested dicts by published names."""
 RUNNING = ("running_mean", "running_var")
@@ -176,12 +174,6 @@ def write_trained(path: Path, kind: str, arrays: Arrays) -> None:
     """Writes a network that was trained here as a file of this kind; the file is never half written."""
     about = json.dumps({"kind": kind, "source": "a training of jaxsim", "published": False})
     write_arrays(path, {**arrays, ABOUT: np.array(about)})
-
-
-def read_once(read: Callable[[Path], _Network]) -> Callable[[Path], _Network]:
-    """`read`, which is asked again only where the file has changed: one of the same name may hold other weights."""
-    kept = lru_cache(maxsize=4)(lambda path, _: read(path))
-    return wraps(read)(lambda path: kept(path, path.stat().st_mtime_ns if path.is_file() else 0))
 
 
 def weights_kind(path: Path) -> str | None:

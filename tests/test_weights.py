@@ -2,7 +2,6 @@
 
 import argparse
 import hashlib
-import os
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from jaxsim.weights import (
     convert,
     fingerprint,
     load_weights,
-    read_once,
     read_state_dict,
     weights_kind,
     write_trained,
@@ -133,17 +131,6 @@ def test_a_file_that_is_no_archive_says_what_to_fetch(tmp_path):
         ValueError, match=r"cannot be read as the tiny network of nobody: .*; fetch https://example\.org"
     ):
         convert("tiny", TINY, tmp_path / "state.npz", out=tmp_path / "out.npz")
-
-
-def test_a_file_is_read_once_until_another_takes_its_name(tmp_path):
-    asked, path = [], tmp_path / "network.npz"
-    network = read_once(lambda path: asked.append(path) or len(asked))
-    path.write_bytes(b"first")
-    assert [network(path), network(path)] == [1, 1]
-    path.write_bytes(b"second")
-    os.utime(path, ns=(1, 1))
-    assert network(path) == 2
-    assert network(tmp_path / "none.npz") == 3
 
 
 def test_a_network_that_was_trained_here_says_so(tmp_path):

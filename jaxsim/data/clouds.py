@@ -6,7 +6,6 @@ Points alone come from `.bin` files, as KITTI has them, and from `.npz`, as `jax
 from __future__ import annotations
 
 import warnings
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.kitti_files import read_velodyne
-from jaxsim.files import files_in, read_arrays, stamp
+from jaxsim.files import files_in, read_arrays, read_once
 from jaxsim.frame import Cloud
 from jaxsim.geometry import LidarSpec, UnorderedCloud, fit_beams, preset, recover_rows, rows_by_elevation
 from jaxsim.geometry.points import check_points
@@ -89,14 +88,10 @@ def read_scan(path: Path, rows: str) -> Cloud:
     return cloud
 
 
+@read_once
 def fitted_spec(path: Path, rows: str) -> LidarSpec:
     """The beam table fitted to one scan; the nominal one where lines were told by it. Fitted once while the file stays
     as it is."""
-    return _fitted_spec(path, rows, stamp([path]))
-
-
-@cache
-def _fitted_spec(path: Path, rows: str, of: str) -> LidarSpec:
     spec = preset(SENSOR)
     if rows == "elevation":  # rows that were told by the nominal table cannot correct it
         return spec
@@ -105,16 +100,12 @@ def _fitted_spec(path: Path, rows: str, of: str) -> LidarSpec:
     return fit_beams(xyz_m, row, lines=spec.rows, name=f"{SENSOR}, fitted to {path.stem}")
 
 
+@read_once
 def compensated_spec(path: Path, rows: str) -> LidarSpec:
     """The beam table of scans like this one: fitted, or the sensor's nominal one where the car's motion was taken out
     of it, as of the odometry benchmark's, so that no cone fits its lines."""
-    return _compensated_spec(path, rows, stamp([path]))
-
-
-@cache
-def _compensated_spec(path: Path, rows: str, of: str) -> LidarSpec:
     try:
-        return _fitted_spec(path, rows, of)
+        return fitted_spec(path, rows)
     except (ValueError, UnorderedCloud):
         read_scan(path, rows)  # a scan that cannot be read is no matter of motion
         return preset(SENSOR)

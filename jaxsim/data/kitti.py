@@ -17,7 +17,6 @@ from __future__ import annotations
 import logging
 import re
 from collections import Counter
-from datetime import UTC, datetime
 from pathlib import Path
 
 from jaxsim.data.clouds import check_rows, fitted_spec, read_scan
@@ -31,8 +30,9 @@ from jaxsim.data.kitti_files import (
     read_list,
     read_motion,
     read_plane,
+    scan_time,
 )
-from jaxsim.files import files_in, read_text
+from jaxsim.files import files_in
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -84,7 +84,7 @@ class KittiRaw:
             scene=drive.name,
             camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2])),
             cloud=read_scan(self._scan(index), self._rows),
-            time_s=_timestamp(drive / "velodyne_points" / "timestamps.txt", int(number)),
+            time_s=scan_time(drive / "velodyne_points" / "timestamps.txt", int(number)),
             speed_mps=speed_mps,
             heading_rad=heading_rad,
         )
@@ -304,18 +304,3 @@ def _first_folder(parent: Path, names: tuple[str, ...]) -> Path:
         if (parent / name).is_dir():
             return parent / name
     raise ValueError(f"kitti: no {' or '.join(f'{name}/' for name in names)}: {listing(parent)}")
-
-
-def _timestamp(path: Path, number: int) -> float | None:
-    """Seconds since 1970 of one frame; None where the drive came without its time stamps."""
-    if not path.is_file():
-        return None
-    lines = read_text(path, by="kitti").splitlines()
-    if number >= len(lines):
-        raise ValueError(f"kitti: {path} has {len(lines)} lines, none for frame {number}; copy it again")
-    try:  # nine decimals in the file, six are what a datetime holds
-        return datetime.fromisoformat(lines[number].strip()[:26]).replace(tzinfo=UTC).timestamp()
-    except ValueError:
-        raise ValueError(
-            f"kitti: {path}, line {number + 1}: {lines[number]!r} is no time such as 2011-09-26 13:02:25.594360375"
-        ) from None

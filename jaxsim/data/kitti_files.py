@@ -6,6 +6,7 @@ Every reader stops with a ValueError that names the file, what is wrong with it 
 from __future__ import annotations
 
 from collections import Counter
+from datetime import UTC, datetime
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ from jaxtyping import Float, UInt8
 
 from jaxsim.data.calibration import APART_M, check_pinhole, check_rigid
 from jaxsim.data.polar_checks import check_motion_of
-from jaxsim.files import check_size, numbers, read_pixels, read_text
+from jaxsim.files import check_size, numbers, parse_number, read_once, read_pixels, read_text
 from jaxsim.frame import Boxes, Camera
 from jaxsim.geometry import camera_from_projection
 from jaxsim.geometry.points import check_points
@@ -192,6 +193,31 @@ def read_list(path: Path) -> list[str]:
     if twice := [name for name, times in Counter(names).items() if times > 1]:
         raise ValueError(f"kitti: {path} names {twice[0]} more than once; name each frame once")
     return names
+
+
+def scan_time(path: Path, number: int) -> float | None:
+    """Seconds of a drive's scan by its number, a line each: since 1970 in timestamps.txt of a raw drive, from the first
+    scan on in times.txt of the odometry benchmark. None where the drive came without the file.
+
+    Raises ValueError where the file has no line of that number, or the line holds no time.
+    """
+    if not path.is_file():
+        return None
+    lines = _lines(path)
+    if number >= len(lines):
+        raise ValueError(f"kitti: {path} has {len(lines)} lines, none for frame {number}; copy it again")
+    line, where = lines[number].strip(), f"kitti: {path}, line {number + 1}"
+    if path.name == "times.txt":
+        return parse_number(line, float, where=where)
+    try:  # nine decimals in the file, six are what a datetime holds
+        return datetime.fromisoformat(line[:26]).replace(tzinfo=UTC).timestamp()
+    except ValueError:
+        raise ValueError(f"{where}: {line!r} is no time such as 2011-09-26 13:02:25.594360375") from None
+
+
+@read_once
+def _lines(path: Path) -> list[str]:
+    return read_text(path, by="kitti").splitlines()
 
 
 def _rows_of(path: Path) -> list[tuple[int, list[str]]]:

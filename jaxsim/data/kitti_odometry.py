@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from jaxsim.data.clouds import check_rows, compensated_spec, read_scan
-from jaxsim.data.kitti_files import listing, odometry_camera, read_image
+from jaxsim.data.kitti_files import listing, odometry_camera, read_image, scan_time
 from jaxsim.data.point_classes import classes_in_image
 from jaxsim.data.semantic_kitti import TRAINING, VALIDATION, labels_of, read_point_labels
-from jaxsim.files import files_in, numbers, read_text, stamp
+from jaxsim.files import files_in
 from jaxsim.frame import CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -40,7 +40,6 @@ class KittiOdometry:
         self._folder = _sequences_folder(self.root)
         self.sequences = _present(self._folder, sequences)
         self._frames = [(name, scan.stem) for name in self.sequences for scan in _scans(self._folder / name)]
-        self._times: dict[str, tuple[str, list[float]]] = {}
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -64,7 +63,7 @@ class KittiOdometry:
             scene=f"sequence_{sequence}",
             camera=self._labelled(view, cloud, labels_of(scan)),
             cloud=cloud,
-            time_s=self._time(sequence, int(number)),
+            time_s=scan_time(self._folder / sequence / "times.txt", int(number)),
         )
 
     def name_of(self, index: int) -> str:
@@ -104,17 +103,6 @@ class KittiOdometry:
     def _path(self, index: int, kind: str, suffix: str) -> Path:
         sequence, number = self._frames[index]
         return self._folder / sequence / kind / f"{number}{suffix}"
-
-    def _time(self, sequence: str, number: int) -> float | None:
-        path = self._folder / sequence / "times.txt"
-        of = stamp([path])  # a data set may outlive a change, on a worker of a cluster
-        if self._times.get(sequence, ("", []))[0] != of:
-            words = read_text(path, by="kitti").split() if path.is_file() else []
-            self._times[sequence] = of, numbers(words, where=f"kitti: {path}")
-        times = self._times[sequence][1]
-        if times and number >= len(times):
-            raise ValueError(f"kitti: {path} has {len(times)} lines, none for scan {number}; copy it again")
-        return times[number] if times else None
 
 
 def _sequences_folder(root: Path) -> Path:

@@ -27,7 +27,7 @@ from jaxsim.data.kitti_files import (
     tracking_camera,
     tracking_rect_from_velo,
 )
-from jaxsim.files import files_in, placed, read_pixels, stamp
+from jaxsim.files import files_in, placed, read_once, read_pixels
 from jaxsim.frame import Boxes, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -41,6 +41,7 @@ EVALUATION = ("0001", "0002", "0006", "0018", "0020")
 NO_SCAN = {("0001", f"{number:06d}") for number in range(177, 181)}
 """Frames that were published without a scan."""
 _DIVISOR = 1000  # KITTI-STEP's own combined id is class * 1000 + instance
+_labels = read_once(read_tracking_labels)
 
 
 class KittiStep:
@@ -60,7 +61,6 @@ class KittiStep:
         self._folder = _training_folder(self.root)
         self._maps = _map_folders(self.root) if panoptic else None
         self.sequences = _present(self._folder, sequences)
-        self._labels: dict[str, tuple[str, dict[int, Boxes]]] = {}
         self._frames = [(s, n) for s in self.sequences for n in self._numbers(s)]
 
     def __len__(self) -> int:
@@ -117,10 +117,7 @@ class KittiStep:
         path = self._folder / "label_02" / f"{sequence}.txt"
         if not path.parent.is_dir():
             return None
-        of = stamp([path])  # a data set may outlive a change, on a worker of a cluster
-        if self._labels.get(sequence, ("", {}))[0] != of:
-            self._labels[sequence] = of, read_tracking_labels(path)
-        return self._labels[sequence][1].get(number, NO_BOXES)
+        return _labels(path).get(number, NO_BOXES)
 
     def _numbers(self, sequence: str) -> list[str]:
         """Frame numbers of a sequence. Raises ValueError where a scan or a panoptic map is missing."""

@@ -204,6 +204,11 @@ class Announced:
         if time.monotonic() >= self._next_s:
             self.write()
 
+    def remove(self, name: str) -> None:
+        """Removes a frame and what is said of it, where it is there."""
+        file_of(self.folder, name, ".npz", by="polar frames").unlink(missing_ok=True)
+        self.pending |= self.frames.pop(name, None) is not None
+
     def write(self) -> None:
         """Writes down what is not yet."""
         if not self.pending:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +34,7 @@ from jaxsim.data.vkitti2_files import (
     read_intrinsics,
     read_objects,
 )
-from jaxsim.files import stamp
+from jaxsim.files import read_once
 from jaxsim.frame import Camera, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec, camera_at_lidar, preset
 
@@ -86,7 +86,6 @@ class VirtualKitti2:
         strange = [name for name in variations if name not in VARIATIONS]
         if strange or not variations:
             raise ValueError(f"vkitti2: no variation {strange[0] if strange else ''!r}; known: {', '.join(VARIATIONS)}")
-        self._read: dict[Path, tuple[str, _Texts]] = {}
         drives = [_child(scene, name) for scene in _scenes(self.root, scenes) for name in variations]
         self._frames = [(drive, number) for drive in drives for number in self._numbers(drive)]
 
@@ -113,7 +112,7 @@ class VirtualKitti2:
                 camera=camera,
                 depth_m=np.where(known, depth_m, np.float32(0)),
                 depth_valid=known,
-                semantic=read_classes(self._raster(drive, "classes", number), self._texts(drive).colours),
+                semantic=read_classes(self._raster(drive, "classes", number), _read_texts(drive).colours),
                 instance=read_instances(self._raster(drive, "instances", number)),
             ),
             cloud=None,
@@ -141,16 +140,10 @@ class VirtualKitti2:
     def objects(self, index: int) -> list[VirtualObject]:
         """Every vehicle in the camera's frustum, the hidden and the far ones too."""
         drive, number = self._frames[index]
-        return self._texts(drive).objects.get((number, self.camera), [])
-
-    def _texts(self, drive: Path) -> _Texts:
-        of = stamp([drive / name for name in _TEXTS])  # a data set may outlive a change, on a worker of a cluster
-        if drive not in self._read or self._read[drive][0] != of:
-            self._read[drive] = of, _read_texts(drive)
-        return self._read[drive][1]
+        return _read_texts(drive).objects.get((number, self.camera), [])
 
     def _camera(self, drive: Path, number: int) -> Camera:
-        texts, frame = self._texts(drive), (number, self.camera)
+        texts, frame = _read_texts(drive), (number, self.camera)
         intrinsics = _of_frame(texts.intrinsics, drive / "intrinsic.txt", frame).astype(np.float32)
         if self.lidar == "camera":
             return camera_at_lidar(intrinsics)
@@ -193,6 +186,7 @@ class _Texts:
     objects: dict[tuple[int, int], list[VirtualObject]]
 
 
+@partial(read_once, files=lambda drive: [drive / name for name in _TEXTS])
 def _read_texts(drive: Path) -> _Texts:
     colours = drive / "colors.txt"
     return _Texts(

@@ -3,7 +3,7 @@
     whole.py    writing, listing and naming files; what a killed process left half written
     locks.py    keeping a folder for one process
     claims.py   keeping results of other settings out of a folder
-    stamps.py   which files a frame is read from, and whether they have changed
+    stamps.py   which files a frame is read from, and whether they have changed; reading once until they do
     texts.py    text, numbers and JSON; the place of an error that does not know it
     arrays.py   .npz files, with the SHA-256 of what they hold
     images.py   PNG and JPEG
@@ -19,7 +19,7 @@ from jaxsim.files.claims import claim, claim_settings, differences
 from jaxsim.files.code import loaded, making, need
 from jaxsim.files.images import check_image_file, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
-from jaxsim.files.stamps import CHANGED, files_of, stamp, stamp_of, tell_anew, why_anew
+from jaxsim.files.stamps import CHANGED, files_of, read_once, stamp, stamp_of, tell_anew, why_anew
 from jaxsim.files.texts import (
     check_keys,
     numbers,
@@ -62,6 +62,7 @@ __all__ = [
     "read_arrays",
     "read_entry",
     "read_json",
+    "read_once",
     "read_pixels",
     "read_text",
     "real",

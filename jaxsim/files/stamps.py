@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+_Of = ParamSpec("_Of")
+_Read = TypeVar("_Read")
 
 _log = logging.getLogger(__name__)
 
@@ -37,6 +41,24 @@ def stamp(files: Iterable[Path], more: str = "") -> str:
         else:
             told.append(f"{file.name} {about.st_size} {about.st_mtime_ns}")
     return hashlib.sha256("\n".join([*told, more]).encode()).hexdigest()[:16] if told else ""
+
+
+def read_once(
+    read: Callable[Concatenate[Path, _Of], _Read],
+    *,
+    files: Callable[[Path], Iterable[Path]] = lambda path: [path],
+    most: int | None = None,
+) -> Callable[Concatenate[Path, _Of], _Read]:
+    """`read` of a path, which is asked again only where the path's `files` have changed: one of the same name may hold
+    another thing, and a data set may outlive a change, on a worker of a cluster. The last `most` are kept (None: all),
+    in each process."""
+    kept = lru_cache(maxsize=most)(lambda _, path, *of, **named: read(path, *of, **named))
+
+    @wraps(read)
+    def reading(path: Path, *of: _Of.args, **named: _Of.kwargs) -> _Read:
+        return kept(stamp(files(path)), path, *of, **named)
+
+    return reading
 
 
 def stamp_of(dataset: Any, position: int, more: str = "") -> str:

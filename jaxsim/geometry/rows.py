@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.frame import PolarGrid
 from jaxsim.geometry.beams import ENOUGH_POINTS, fit_cones
 from jaxsim.geometry.sensor import PRESETS, LidarSpec
 
@@ -213,13 +214,14 @@ def rows_by_elevation(xyz: Float[np.ndarray, "n 3"], spec: LidarSpec) -> Int[np.
 
 
 def nearest_beams(
-    xyz: Float[np.ndarray, "n 3"], spec: LidarSpec
+    xyz: Float[np.ndarray, "n 3"], sensor: LidarSpec | PolarGrid
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """The beam that passes nearest in angle, each seen from its own origin, and by how many degrees it misses."""
     rho = np.hypot(xyz[:, 0], xyz[:, 1]).astype(np.float64)
     z = xyz[:, 2].astype(np.float64)
     row, best = np.zeros(len(xyz), np.int32), np.full(len(xyz), np.inf)
-    for i, (elevation, origin) in enumerate(zip(spec.elevation_rad, spec.origin_m, strict=True)):
+    elevations, origins = np.asarray(sensor.elevation_rad), np.asarray(sensor.origin_m)
+    for i, (elevation, origin) in enumerate(zip(elevations, origins, strict=True)):
         angle = np.abs(np.arctan2(z - origin, rho) - elevation)
         nearer = angle < best
         row[nearer], best[nearer] = i, angle[nearer]

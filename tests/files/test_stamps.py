@@ -9,7 +9,7 @@ import pytest
 
 from jaxsim.config import DataConfig
 from jaxsim.data import open_dataset
-from jaxsim.files import files_of, stamp, stamp_of
+from jaxsim.files import files_of, read_once, stamp, stamp_of
 
 OPENED: list[Path] | None = None
 
@@ -51,6 +51,32 @@ def test_a_stamp_changes_with_size_and_time_and_with_what_goes_or_comes(tmp_path
         stamps.append(stamp(files))
     assert len({*stamps}) == len(stamps)
     assert stamp([]) == "" == stamp([], "more")
+
+
+def test_a_file_is_read_once_until_another_takes_its_name(tmp_path):
+    asked, path = [], tmp_path / "network.npz"
+    network = read_once(lambda path, more=0: asked.append(path) or len(asked) + more)
+    path.write_bytes(b"first")
+    assert [network(path), network(path), network(path, 10), network(path, 10)] == [1, 1, 12, 12]
+    path.write_bytes(b"other")
+    os.utime(path, ns=(1, 1))
+    assert network(path) == 3
+    os.truncate(path, 1)
+    os.utime(path, ns=(1, 1))
+    assert network(path) == 4
+    assert network(tmp_path / "none.npz") == 5
+
+
+def test_what_is_read_of_a_folder_is_read_anew_where_one_of_its_files_changes(tmp_path):
+    words = read_once(
+        lambda folder: [file.read_text() for file in sorted(folder.glob("*.txt"))],
+        files=lambda folder: [folder / name for name in ("a.txt", "b.txt")],
+        most=1,
+    )
+    assert words(tmp_path) == []
+    (tmp_path / "b.txt").write_text("b")
+    assert words(tmp_path) == ["b"]
+    assert words(tmp_path) is words(tmp_path)
 
 
 def test_a_data_set_without_files_has_nothing_that_changes():

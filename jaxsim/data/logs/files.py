@@ -265,12 +265,11 @@ def _carla_items(path: Path, options: LogOptions) -> Iterator[Item]:
     Raises ValueError where recordings are not of one sensor: their frames could not lie on one grid.
     """
     places = _about(path)
-    if options.meta or len(places) < 2 or (path / "attributes.json").is_file():
+    if len(places) < 2:
         yield from _items(_RAW, read_carla, "carla")(places[0].parent if places and path.is_dir() else path, options)
         return
-    first, *others = [
-        (attributes_file, _carla_spec(_attributes(attributes_file), attributes_file)) for attributes_file in places
-    ]
+    described = [options.meta or attributes_file for attributes_file in places]
+    first, *others = [(about, _carla_spec(_attributes(about), about)) for about in described]
     for attributes_file, spec in others:
         if spec != first[1]:
             raise ValueError(

@@ -71,11 +71,11 @@ def write_log(
     path: Path, kind: str, source: Source, *, out: Path, options: LogOptions, every: int = 1, most: int = 0
 ) -> Written:
     """Writes the scans of a log to a folder of polar frames; those that are there are not made again, unless their
-    files are cut off or what they are read from has changed since.
+    files are cut off or what they are read from has changed since; of scans that are no whole turns any more they go.
 
     Every `every`-th scan is taken, and at most `most` (0: all). The first scans tell the sensor's beams and columns,
     and all frames lie on its grid. Raises ValueError where `out` holds another log's frames, and where scans are
-    damaged, do not tell the sensor, or are no longer those that told it.
+    damaged, share a name, do not tell the sensor, or are no longer those that told it.
     """
     plain = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(options).items()}
     made = json.loads(json.dumps({"log": str(path.resolve()), "kind": kind, "options": plain, "every": every}))
@@ -91,9 +91,16 @@ def write_log(
     grid, sensor, items = _begin(record, made, items, options=options, by=kind)
     written = already = partial = 0
     filled = 0.0
+    names: set[str] = set()
     with Announced(out, grid, by="frames") as announced, Progress(unit="frame", desc="reading") as bar:
         for place, item in enumerate(items):
             bar.update()
+            if item.name in names:
+                raise ValueError(
+                    f"{kind}: {path} holds two scans of the name {item.name}, and a frame is known by its name; give "
+                    "the folder of each by itself, with an --out of its own"
+                )
+            names.add(item.name)
             of = _stamp(item, path, options)
             if item.name in announced.frames and file_of(out, item.name, ".npz", by="frames").is_file():
                 why = frame_anew(out, item.name, of)
@@ -112,6 +119,7 @@ def write_log(
             is_partial = isinstance(scan, LogScan) and scan.is_partial
             if is_partial or np.asarray(sweep.image.valid).any(axis=0).mean() < LEAST_TURN:
                 partial += 1
+                announced.remove(item.name)  # of a scan that was whole before
                 continue
             write_frame(out, sweep.name, sweep.image, **sweep.rasters, **({"source": of} if of else {}))
             announced.add({sweep.name: about_frame(sweep.scene, time_s=sweep.time_s)})
@@ -184,7 +192,8 @@ def _sweep(scan: LogScan | Sweep, sensor: Sensor | None, grid: PolarGrid, *, opt
 
 
 def _of_rings(scan: LogScan, options: LogOptions) -> LogScan:
-    """The points of the rings that were asked for, which count from 0 now. Raises ValueError where there are none."""
+    """The points of the rings that were asked for, which count from 0 now, and so do the beams where they are known.
+    Raises ValueError where there are none, or one beam alone."""
     if not options.rings:
         return scan
     low, _, high = options.rings.partition("-")
@@ -192,9 +201,19 @@ def _of_rings(scan: LogScan, options: LogOptions) -> LogScan:
         raise ValueError(f"frames: --log.rings is {options.rings!r}; give two numbers, as 0-31")
     if scan.ring is None:
         raise ValueError(f"frames: --log.rings was given, and {scan.name} has no rings")
-    chosen = (scan.ring >= int(low)) & (scan.ring <= int(high or low))
+    first, last = int(low), int(high or low)
+    chosen = (scan.ring >= first) & (scan.ring <= last)
     if not chosen.any():
         raise ValueError(
             f"frames: {scan.name} has no point of rings {options.rings}; it has {scan.ring.min()}..{scan.ring.max()}"
         )
-    return replace(scan.only(chosen), ring=scan.ring[chosen] - int(low))
+    spec = scan.spec and replace(
+        scan.spec,
+        elevation_deg=scan.spec.elevation_deg[first : last + 1],
+        origin_m=scan.spec.origin_m[first : last + 1],
+    )
+    if spec is not None and spec.rows < 2:
+        raise ValueError(
+            f"frames: --log.rings is {options.rings!r}, one beam of {scan.name}; give two or more, as 0-31"
+        )
+    return replace(scan.only(chosen), ring=scan.ring[chosen] - first, spec=spec)

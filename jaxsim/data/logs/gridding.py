@@ -15,10 +15,11 @@ from jaxsim.data.logs.scan import LogOptions, LogScan, ring_of_shape
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import parse_settings, placed
 from jaxsim.frame import PolarGrid, PolarImage
-from jaxsim.geometry import preset, rows_by_elevation
+from jaxsim.geometry import preset
 from jaxsim.geometry.beams import Beams, NoBeams, assign_columns, beams_of_rings, column_azimuths, rings_by_elevation
 from jaxsim.geometry.mount import fit_mount
 from jaxsim.geometry.points import FAR_M
+from jaxsim.geometry.rows import nearest_beams
 
 FIRST = 5
 """Scans from which the sensor is told: a beam that looks into the sky has no return in one of them."""
@@ -119,8 +120,9 @@ def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
     xyz = np.concatenate([p.xyz_m for p in parts])
     off = 0.0
     if spec is not None and first.ring is None:
-        ring = rows_by_elevation(xyz, spec).astype(np.int64)
-        off = _missed_deg(xyz, spec.elevation_rad[ring])
+        ring, missed_deg = nearest_beams(xyz, spec)
+        off = float(np.median(missed_deg))
+        axis = None  # a row is the beam that passes nearest, not the place in the array
     else:
         ring = _all_rings(parts, options)
     if spec is not None:
@@ -138,12 +140,6 @@ def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
         azimuths.astype(np.float32), beams.elevation_rad.astype(np.float32), beams.origin_m.astype(np.float32)
     )
     return Sensor(beams, grid, scale, pose, axis)
-
-
-def _missed_deg(xyz_m: Float[np.ndarray, "n 3"], elevation_rad: Float[np.ndarray, " n"]) -> float:
-    """By how much points miss beams of these elevations: the median."""
-    elevation = np.arctan2(xyz_m[:, 2], np.hypot(xyz_m[:, 0], xyz_m[:, 1]))
-    return float(np.rad2deg(np.median(np.abs(elevation - elevation_rad))))
 
 
 def _all_rings(parts: Sequence[LogScan], options: LogOptions) -> Int[np.ndarray, " n"]:
@@ -204,7 +200,7 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
                 "sensor's scan; give --log.lines if these are beams that saw nothing before"
             )
     else:
-        row = _nearest_rows(xyz, sensor.grid)
+        row = nearest_beams(xyz, sensor.grid)[0]
     inside = row >= 0
     span_s = 0.0 if scan.offset_s is None else float(scan.offset_s.max())
     if not span_s <= TURN_S:  # also where one is NaN
@@ -232,12 +228,6 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
     on_grid = np.flatnonzero(inside)
     column = assign_columns(azimuth[on_grid], row[on_grid], sensor.grid)
     return _on_grid(scan, sensor, on_grid, row=row[on_grid], column=column, range_m=range_m, intensity=intensity)
-
-
-def _nearest_rows(xyz: Float[np.ndarray, "n 3"], grid: PolarGrid) -> Int[np.ndarray, " n"]:
-    elevation = np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1]))
-    beams = np.asarray(grid.elevation_rad)
-    return np.searchsorted(-(beams[1:] + beams[:-1]) / 2, -elevation).astype(np.int32)
 
 
 def _one_return(

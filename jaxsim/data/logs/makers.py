@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from jaxsim.data.clouds import compensated_spec, read_scan
+from jaxsim.data.kitti import SCANS
+from jaxsim.data.kitti_files import scan_time
 from jaxsim.data.logs.argoverse2 import argoverse2_items
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
 from jaxsim.data.logs.velodyne import velodyne_items
 from jaxsim.data.semantic_kitti import labels_of, read_point_labels
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
-from jaxsim.files import files_in, numbers, placed, read_text
+from jaxsim.files import files_in
 from jaxsim.geometry import preset
 
 _KITTI_COLUMNS = preset("hdl64e").columns
@@ -48,7 +50,8 @@ def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
     files = kitti_files(path)
     rows = "elevation" if options.lines else "file_order"
 
-    def read(file: Path, *, name: str, scene: str, time_s: float | None) -> LogScan:
+    def read(file: Path, *, name: str, scene: str) -> LogScan:
+        time_s = scan_time(_times_beside(file), int(file.stem)) if file.stem.isdecimal() else None
         cloud = read_scan(file, rows)
         labels = labels_of(file)
         layers: dict[str, np.ndarray] = {}
@@ -67,37 +70,41 @@ def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
             layers=layers,
         )
 
-    for name, scene, file, time_s in files:
-        yield Item(name, partial(read, file, name=name, scene=scene, time_s=time_s), (file, labels_of(file)))
+    for name, scene, file in files:
+        yield Item(name, partial(read, file, name=name, scene=scene), (file, labels_of(file), _times_beside(file)))
 
 
-def kitti_files(path: Path) -> list[tuple[str, str, Path, float | None]]:
-    """Name, drive, file and time of every scan under a folder. Raises ValueError where there is none."""
+def kitti_files(path: Path) -> list[tuple[str, str, Path]]:
+    """Name, drive and file of every scan under a folder; the drive of a scan that is of none is its name. Of the object
+    benchmark's scans those that are cropped to the image are left out where the whole ones are there.
+
+    Raises ValueError where there is none.
+    """
     if path.is_file():
-        return [(path.stem, path.stem, path, None)]
-    folders = sorted({p.parent for p in path.rglob("*.bin") if not p.name.endswith(".pcd.bin")})
+        return [(path.stem, path.stem, path)]
+    folders = {p.parent for p in path.rglob("*.bin") if not p.name.endswith(".pcd.bin")}
+    whole, cropped = SCANS
     files = []
-    for folder in folders:
+    for folder in sorted(folders):
+        if folder.name == cropped and folder.with_name(whole) in folders:
+            continue
         drive = next((p.name for p in folder.parents if p.name.endswith(("_sync", "_extract"))), "")
         if not drive and folder.name == "velodyne" and folder.parent.parent.name == "sequences":
             drive = f"sequence_{folder.parent.name}"
-        times = _times(folder)
-        for number, file in enumerate(files_in(folder, ".bin")):
-            name = f"{drive}-{file.stem}" if drive else file.stem
-            files.append((name, drive or file.stem, file, times[number] if number < len(times) else None))
+        # The object benchmark's testing counts from 0 again.
+        prefix = drive or ("testing" if folder.parent.name == "testing" else "")
+        for file in files_in(folder, ".bin"):
+            name = f"{prefix}-{file.stem}" if prefix else file.stem
+            files.append((name, drive or name, file))
     if not files:
         raise ValueError(f"kitti: no .bin under {path}; pass the folder of a drive, of training/velodyne or sequences/")
     return files
 
 
-def _times(folder: Path) -> list[float]:
-    """Seconds of a drive's scans: timestamps.txt of raw drives, times.txt of odometry."""
-    raw, odometry = folder.parent / "timestamps.txt", folder.parent / "times.txt"
-    if raw.is_file():
-        stamps = [line.strip().replace(" ", "T") for line in read_text(raw, by="kitti").splitlines() if line.strip()]
-        with placed(f"kitti: {raw} holds what is no time", then="copy it again"):
-            return (np.array(stamps, "datetime64[ns]").astype(np.int64) / 1e9).tolist()
-    return numbers(read_text(odometry, by="kitti").split(), where=f"kitti: {odometry}") if odometry.is_file() else []
+def _times_beside(scan: Path) -> Path:
+    """The file of a scan's time: timestamps.txt of a raw drive, else times.txt of the odometry benchmark."""
+    raw = scan.absolute().parent.parent / "timestamps.txt"
+    return raw if raw.is_file() else raw.with_name("times.txt")
 
 
 def _is_ouster(path: Path) -> bool:

@@ -133,6 +133,17 @@ def test_carlas_semantic_lidar_is_range_incidence_class_and_object(tmp_path, fie
     assert (more["instance"] == 77).all()
 
 
+def test_of_a_folder_of_carlas_recordings_all_are_read_whatever_describes_the_sensor(tmp_path, fields):
+    for name in ("a", "b"):
+        (tmp_path / "log" / name).mkdir(parents=True)
+        carla_buffer(tmp_path / "log" / name, fields, semantic=False)
+    _, frames = frames_of(tmp_path / "log", tmp_path / "out")
+    meta = (tmp_path / "log/a/attributes.json").rename(tmp_path / "sensor.json")
+    (tmp_path / "log/a/attributes.json").write_text('{"type": "sensor.lidar.ray_cast"}')
+    _, described = frames_of(tmp_path / "log", tmp_path / "described", meta=meta)
+    assert described.names == frames.names == ("a_000010", "b_000010")
+
+
 def test_carlas_buffers_are_checked(tmp_path, fields):
     folder = carla_buffer(tmp_path, fields, semantic=False)
     raw = (folder / "000010.raw").read_bytes()

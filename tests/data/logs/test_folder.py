@@ -6,8 +6,9 @@ import pytest
 from jaxsim.data.logs import LogOptions, Source, write_log
 from jaxsim.data.logs.gridding import FIRST
 from jaxsim.data.logs.scan import Item, scan_of_fields
-from jaxsim.data.polar_frames import frame_names
-from tests.data.logs.conftest import FIRINGS, RINGS, room
+from jaxsim.data.polar_frames import frame_names, read_grid
+from tests.data.logs.conftest import ELEVATION, FIRINGS, RINGS, expected, room
+from tests.data.logs.made_logs import carla_buffer, frames_of
 
 OPTIONS = LogOptions()
 
@@ -77,3 +78,40 @@ def test_scans_of_changed_files_and_frames_that_are_cut_off_are_made_anew(tmp_pa
         ValueError, match=r"out holds 000001, and what it was made of has changed since.*delete the fold"
     ):
         written()
+
+
+def test_a_scan_that_is_no_whole_turn_any_more_leaves_no_frame(tmp_path):
+    log, out = tmp_path / "log", tmp_path / "out"
+    log.mkdir()
+    files = [log / f"{k}.scan" for k in range(FIRST + 1)]
+    for file in files:
+        file.write_bytes(b"1")
+
+    def written(last: float):
+        source = log_of(*[1] * FIRST, last, read=[])
+        items = [item._replace(files=(file,)) for item, file in zip(source.items(log, OPTIONS), files, strict=True)]
+        return write_log(log, "made", source._replace(items=lambda *_: iter(items)), out=out, options=OPTIONS)
+
+    assert written(1).frames == FIRST + 1
+    files[-1].write_bytes(b"12")
+    assert written(0.2).partial == 1
+    assert list(frame_names(out)) == list(read_grid(out)[1]) == [f"{k:06d}" for k in range(FIRST)]
+
+
+def test_two_scans_of_one_name_are_refused(tmp_path):
+    source = log_of(1, 1, read=[])
+    items = [item._replace(name="same") for item in source.items(tmp_path, OPTIONS)]
+    with pytest.raises(ValueError, match=r"made: .*log holds two scans of the name same, .*the folder of each"):
+        write_log(
+            tmp_path / "log", "made", source._replace(items=lambda *_: items), out=tmp_path / "out", options=OPTIONS
+        )
+
+
+@pytest.mark.parametrize(("rings", "rows"), [("8-15", slice(8, 16)), ("0-3", slice(0, 4)), ("14-99", slice(14, 16))])
+def test_rings_that_are_asked_for_keep_their_beams_where_these_are_known(tmp_path, fields, rings, rows):
+    _, frames = frames_of(carla_buffer(tmp_path, fields, semantic=False), tmp_path / "out", rings=rings)
+    image, _ = frames.read(frames.names[0])
+    np.testing.assert_allclose(frames.grid.elevation_rad, ELEVATION[rows], atol=1e-6)
+    np.testing.assert_allclose(image.range_m, expected(fields)[0][rows], rtol=1e-5)
+    with pytest.raises(ValueError, match=r"--log\.rings is '15', one beam of 000010; give two or more"):
+        frames_of(tmp_path, tmp_path / "one", rings="15")

@@ -6,6 +6,7 @@ import pytest
 from jaxsim.data.logs import LogOptions
 from jaxsim.data.logs.gridding import infer_sensor, to_sweep
 from jaxsim.data.logs.scan import scan_of_fields
+from jaxsim.geometry import preset
 from tests.data.logs.conftest import ELEVATION, FIRINGS, RINGS, expected, room
 
 ASKED = LogOptions()
@@ -73,6 +74,36 @@ def test_organised_clouds_have_their_rings_along_an_axis(fields, axis):
     jittered = tables["z"] + np.random.default_rng(0).normal(0, 0.02, shape)  # elevations alone no longer tell
     sweep = swept({**tables, "z": jittered.astype("f4")}, shape=shape)
     assert sweep.image.valid.all()
+    np.testing.assert_allclose(sweep.image.intensity, expected(fields)[1], rtol=1e-6)
+
+
+def on_beams_of(fields, name):
+    """The room as the upper beams of a known sensor see it, each from its own origin; rings count from below."""
+    spec = preset(name)
+    elevation, origin = spec.elevation_rad[:RINGS][::-1], np.asarray(spec.origin_m)[:RINGS][::-1]
+    level = np.hypot(fields["x"], fields["y"]).reshape(FIRINGS, RINGS)
+    return fields | {"z": (origin + level * np.tan(elevation)).astype("f4").ravel()}
+
+
+def test_points_of_a_named_sensor_lie_on_the_beam_that_passes_nearest_from_its_own_origin(fields):
+    """Seen from the origin of the points, those of an HDL-64E lie three lines off their own at ten metres."""
+    options = LogOptions(sensor="hdl64e")
+    del fields["ring"]
+    given = scan(on_beams_of(fields, "hdl64e"), options)
+    sensor = infer_sensor([given], options, by="test")
+    assert sensor.beams.off_deg < 1e-3
+    image = to_sweep(given, sensor, options, by="test").image
+    assert not image.valid[RINGS:].any()
+    assert image.valid[:RINGS].all()
+    np.testing.assert_allclose(image.intensity[:RINGS], expected(fields)[1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_of_a_named_sensor_the_beam_is_not_the_place_in_the_array(fields, axis):
+    del fields["ring"]
+    tables = {key: value.reshape(FIRINGS, RINGS) for key, value in on_beams_of(fields, "vlp16").items()}
+    tables = {key: value.T if axis == 0 else value for key, value in tables.items()}
+    sweep = swept(tables, LogOptions(sensor="vlp16"), shape=tables["x"].shape)
     np.testing.assert_allclose(sweep.image.intensity, expected(fields)[1], rtol=1e-6)
 
 

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
+from jaxsim.data import open_dataset
 from jaxsim.data.logs import LogOptions, source_for, write_log
 from jaxsim.data.polar_frames import open_polar_frames
 from tests.data.logs.made_logs import frames_of
@@ -24,14 +25,47 @@ def test_times_of_a_drive_are_times(tmp_path):
     folder.mkdir(parents=True)
     (folder / "0000000000.bin").write_bytes(bytes(16))
     for name, content, message in (
-        ("timestamps.txt", "2011-09-26 13:02:25\nyesterday\n", r"timestamps.txt holds what is no time"),
-        ("times.txt", "0.0 1_0\n", r"times.txt: '1_0' is no number"),
+        ("timestamps.txt", "yesterday\n", r"timestamps.txt, line 1: 'yesterday' is no time such as 2011-09-26"),
+        ("times.txt", "1_0\n", r"times.txt, line 1: '1_0' is no number"),
     ):
         path = folder.parent / name
         path.write_text(content)
         with pytest.raises(ValueError, match=message):
             write_log(tmp_path, kind, source, out=tmp_path / "out", options=LogOptions())
         path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("kind", "drive", "times", "line"),
+    [
+        (
+            "kitti_raw",
+            "2011_09_26/2011_09_26_drive_0001_sync",
+            "velodyne_points/timestamps.txt",
+            "1970-01-01 00:00:0{}.500000000\n",
+        ),
+        ("kitti_odometry", "sequences/00", "times.txt", "{}.5\n"),
+    ],
+)
+def test_a_scan_has_the_time_of_its_number_where_a_drive_lacks_scans(request, tmp_path, kind, drive, times, line):
+    root = request.getfixturevalue("raw_root" if kind == "kitti_raw" else "odometry_root")
+    for file in (root / drive).rglob("*1.*"):
+        file.rename(file.with_stem(file.stem[:-1] + "3"))
+    (root / drive / times).write_text("".join(map(line.format, range(4))))
+    _, frames = frames_of(root / drive, tmp_path / "out")
+    assert [about["time"] for about in frames.about.values()] == [0.5, 3.5]
+    dataset = open_dataset(kind, root)
+    assert [dataset[k].time_s for k in range(2)] == [0.5, 3.5]
+
+
+def test_frames_of_the_object_benchmark_have_the_names_that_the_data_set_gives_them(object_root, tmp_path):
+    whole = object_root / "training/velodyne"
+    shutil.copytree(whole, whole.with_name("velodyne_reduced"))
+    shutil.copytree(object_root / "training", object_root / "testing")
+    _, frames = frames_of(object_root, tmp_path / "out")
+    dataset = open_dataset("kitti_object", object_root)
+    assert {*frames.names} == {dataset.name_of(k) for k in range(len(dataset))} == {"000007", "testing-000007"}
+    assert {about["scene"] for about in frames.about.values()} == {*frames.names}
 
 
 def test_ousters_recording(samples, tmp_path):

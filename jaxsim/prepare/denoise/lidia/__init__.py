@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,10 +22,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxsim.files import read_once
 from jaxsim.prepare.denoise.classical import close_gaps
 from jaxsim.prepare.denoise.lidia.denoiser import abstract, apply, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
-from jaxsim.weights import Arrays, Converter, Values, checked_arrays, load_weights, read_once, write_trained
+from jaxsim.weights import Arrays, Converter, Values, checked_arrays, load_weights, write_trained
 
 COLOUR_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re0.ver_hor.ver.weight"
 SMALL_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re1.ver_hor.b"
@@ -142,7 +144,7 @@ def open_lidia(path: Path | None) -> Lidia:
     return _open(path)
 
 
-@read_once
+@partial(read_once, most=4)
 def _open(path: Path) -> Lidia:
     variant, values = from_published(load_weights(path, "lidia", CONVERTER).arrays)
     return Lidia(variant, jax.tree.map(jnp.asarray, values))

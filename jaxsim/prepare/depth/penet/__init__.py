@@ -19,6 +19,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Bool, Float, UInt8
 
+from jaxsim.files import read_once
 from jaxsim.frame import Array
 from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
 from jaxsim.prepare.depth.penet.network import MULTIPLE, Convention
@@ -31,7 +32,7 @@ from jaxsim.prepare.depth.penet.published import (
     from_published,
     to_published,
 )
-from jaxsim.weights import load_weights, read_once, weights_kind, write_trained
+from jaxsim.weights import load_weights, weights_kind, write_trained
 
 NEAREST_M = 0.1
 """A guess nearer than this is none, as for points and in IP-Basic."""
@@ -121,7 +122,7 @@ def open_penet(path: Path | None) -> Penet:
     return _open(path)
 
 
-@read_once
+@partial(read_once, most=4)
 def _open(path: Path) -> Penet:
     trained = path.is_file() and weights_kind(path) == TRAINED_KIND
     kind, converter = (TRAINED_KIND, TRAINED) if trained else ("penet", CONVERTERS["penet"])
