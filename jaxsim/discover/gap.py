@@ -156,7 +156,8 @@ def gap_of(
         unit=unit,
         floor=float(np.nanmean(floor)),
         placebo=float(np.nanmean(placebo)),
-        win_rate=float(np.nanmean(shrunk > 0)),
+        # A scene that was not compared is neither won nor lost.
+        win_rate=float(np.nanmean(np.where(np.isfinite(shrunk), shrunk > 0, np.nan))),
         gained=gained,
     )
 

@@ -80,13 +80,18 @@ def range_noise_grows(comparison: Comparison) -> bool:
     return low > 0
 
 
-def made_by(ev: Evidence) -> dict[str, float]:
-    """Levels that effects make of their own, by name: of the rays as these leave them, at the median echo, and of
-    losses in the mean."""
-    hit = np.asarray(ev.rays.hit)
-    kept = np.exp(np.asarray(ev.rays.log_keep, np.float64))[hit]
-    noise_m = np.broadcast_to(np.asarray(ev.rays.noise_m), hit.shape)[hit]
-    return {"range_noise": float(np.median(noise_m)), "random_loss": float(np.mean(1 - kept))} if hit.any() else {}
+def made_by(before: Evidence, after: Evidence) -> dict[str, float]:
+    """Levels that effects make of their own, by name: what they change from `before` to `after` they are in place, at
+    the median echo. (A gate or a sector loses some rays and leaves the others: that is no loss at random.)"""
+    hit = np.asarray(before.rays.hit) & np.asarray(after.rays.hit)
+    if not hit.any():
+        return {}
+    kept = np.asarray(after.rays.log_keep, np.float64) - np.asarray(before.rays.log_keep, np.float64)
+    noise_m = np.broadcast_to(np.asarray(after.rays.noise_m), hit.shape)
+    return {
+        "range_noise": float(np.median(noise_m[hit])),
+        "random_loss": float(np.median(-np.expm1(np.broadcast_to(kept, hit.shape)[hit]))),
+    }
 
 
 def missing(levels: tuple[Level, ...], made: Mapping[str, float] | None = None) -> dict[str, float]:

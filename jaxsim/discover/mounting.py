@@ -261,10 +261,13 @@ def gains(
     z = motion[:, part] / POSE_AND_LIFT_SD[part]
 
     def gain(scene: str, others: Sequence[str]) -> float:
+        if not others:
+            # With no other frame there is nothing that it could bear out.
+            return 0.0
         poses = z[names == scene]
         # The median: a frame that was registered to another valley must not name a mounting.
         middle = np.median(z[np.isin(names, others)], axis=0)
         return 0.5 * float(np.sum(poses**2 - (poses - middle) ** 2))
 
     held_out = [gain(one, [other for other in find if other != one]) for one in find]
-    return np.array(held_out), np.array([gain(one, find) for one in judged])
+    return np.array(held_out or [0.0]), np.array([gain(one, find) for one in judged])

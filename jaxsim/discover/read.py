@@ -126,15 +126,11 @@ def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str])
     # Some may be alike, where nothing is in reach of the sensor.
     check_no_copies(predicted, recorded, sides=sides, allowed=len(names) - 1)
     about = _about(names, predicted, recorded)
-    # Times of what is read later count from the first frame that is read now, as `scan_of` has them.
-    rest = Rest(
-        predicted,
-        recorded,
-        tuple(name for name in shared if name not in read),
-        first_s=min(float(fact.get("time", 0.0)) for fact in about),
-    )
+    # Times count from the recording's first frame, whether it is read or not: so does what simulates with the answer.
+    first_s = min(float(fact.get("time", 0.0)) for fact in _about(shared, predicted, recorded))
+    rest = Rest(predicted, recorded, tuple(name for name in shared if name not in read), first_s=first_s)
     scenes = [scene_of(name, predicted, recorded) for name in names]
-    scan = scan_of(grid, images, extra, about=about)
+    scan = _counted_from(first_s, scan_of(grid, images, extra, about=about), about)
     recording = _measured(sensed)
     # Before anything is compared: sides that stand apart would fail every check for other reasons.
     registration = register(scan, recording.range_m, recording.valid, scenes=scenes)
@@ -184,10 +180,7 @@ def read_part(rest: Rest, names: Sequence[str], like: Comparison) -> Comparison:
     all_or_none(rest.simulated.folder, names, extra)
     scenes = tuple(rest.scene_of(name) for name in names)
     about = _about(names, rest.simulated, rest.measured)
-    scan = scan_of(rest.simulated.grid, images, extra, about=about)
-    # What drifts goes on from the frames that it was found on.
-    since_s = [float(fact.get("time", 0.0)) - rest.first_s for fact in about]
-    scan = replace(scan, time_s=np.array(since_s, np.float32))
+    scan = _counted_from(rest.first_s, scan_of(rest.simulated.grid, images, extra, about=about), about)
     if like.speeds:
         # A scene of which no frame was read tells no speed; the others' mean is nearest.
         usual = float(np.mean([*like.speeds.values()]))
@@ -220,6 +213,12 @@ def _read(
 def _about(names: Sequence[str], simulated: PolarFrames, measured: PolarFrames) -> list[dict[str, Any]]:
     """What grid.json says of frames. The simulator's own facts win: its frames were made with them."""
     return [{**measured.about.get(name, {}), **simulated.about.get(name, {})} for name in names]
+
+
+def _counted_from(first_s: float, scan: Scan, about: Sequence[Mapping[str, Any]]) -> Scan:
+    """The scan with times since a moment, where `scan_of` counts from the first of its frames."""
+    since_s = [float(fact.get("time", 0.0)) - first_s for fact in about]
+    return replace(scan, time_s=np.array(since_s, np.float32))
 
 
 def _measured(images: Sequence[PolarImage]) -> Measured:

@@ -185,7 +185,9 @@ def discover(
     )
     verdict = with_mounting(without_unconfirmed(verdict), *named_mounting(mounting, parts, rows=rows))
     sensor = sensor_of(verdict, model.added.sensor, known)
-    sensor = replace(sensor, levels=missing(levels, made_by(model.choice.problem.ev)))
+    # What is not confirmed is not in the sensor model, and makes nothing of its levels.
+    standing = [(one.effect, one.fit.z) for one in model.added.refits if one.effect.plain_name in dict(sensor.effects)]
+    sensor = replace(sensor, levels=missing(levels, made_by(null.ev, in_place(null, standing).ev)))
     ranked = model.choice.first_ranking
     return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, ranked, shown.frames)
 

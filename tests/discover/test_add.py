@@ -120,12 +120,19 @@ def test_a_step_that_was_read_off_is_known_to_what_the_readings_tell():
 
 def test_what_effects_make_of_a_level_is_read_off_the_rays_that_they_leave():
     problem, _ = fitted("range_scale", *toy(frames=len(FRAMES), seed=4))
-    assert made_by(problem.ev) == pytest.approx({"range_noise": 0, "random_loss": 0}, abs=1e-6)
+    # What the simulator itself loses, no effect does.
+    before = problem.ev.replace(rays=problem.ev.rays.replace(log_keep=problem.ev.rays.log_keep - 0.03))
+    problem = replace(problem, ev=before)
+    assert made_by(before, problem.ev) == pytest.approx({"range_noise": 0, "random_loss": 0}, abs=1e-6)
     both = {"random_dropout": {"probability": 0.2}, "range_noise": {"sd_m": 0.02}}
     for name, values in both.items():
         problem = on_top(EFFECTS[name], problem, to_z(EFFECTS[name], values, 16))
     rays = problem.ev.rays
-    made = made_by(problem.ev)
+    made = made_by(before, problem.ev)
     assert made["random_loss"] == pytest.approx(0.2, abs=1e-4)
     assert made["range_noise"] == pytest.approx(float(np.median(np.asarray(rays.noise_m)[np.asarray(rays.hit)])))
     assert made["range_noise"] > 0
+    # A sector that is hidden loses all there, and nothing at random.
+    sector = to_z(EFFECTS["sector_occlusion"], {"azimuth_rad": 0.0, "width_rad": 1.0}, 16)
+    hidden = on_top(EFFECTS["sector_occlusion"], replace(problem, ev=before), sector)
+    assert made_by(before, hidden.ev)["random_loss"] == 0

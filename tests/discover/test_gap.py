@@ -59,6 +59,13 @@ def test_a_likelihood_that_some_scenes_lose_is_no_certain_gain():
     assert gained.win_rate == 0.6
 
 
+def test_scenes_that_are_not_compared_are_neither_won_nor_lost():
+    before = np.full((5, 3), 0.2)
+    before[3:] = np.nan
+    found = gaps(at(before), at(before / 2), placebo=at(before), floor=at(before))["intensity"]
+    assert found.win_rate == 1.0
+
+
 @pytest.fixture(scope="module")
 def judged(standard_promotion):
     return judged_toy()

@@ -24,7 +24,7 @@ from jaxsim.discover.mounting import (
 )
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.register.registration import LIFT, MOTION_PARTS
-from jaxsim.discover.scenes import split_scenes
+from jaxsim.discover.scenes import p_value, split_scenes
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.chain import SensorModel
@@ -189,6 +189,15 @@ def test_frames_of_one_drive_find_and_judge_in_turn():
     poses = np.full((9, 8), 0.1)
     find, judge = gains(poses, MOTION_PARTS["extrinsic_rotation"], scenes=["drive"] * 9, parts=split_scenes(NAMES))
     assert (len(find), len(judge)) == (6, 3)
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_so_few_frames_of_one_drive_bear_nothing_out(frames):
+    poses = np.full((frames, 8), 0.1)
+    find, judge = gains(poses, MOTION_PARTS["extrinsic_rotation"], scenes=["drive"] * frames, parts=split_scenes(NAMES))
+    assert not find.any()
+    assert p_value(find) == 1.0
+    assert np.isfinite([*find, *judge]).all()
 
 
 def effects(poses):

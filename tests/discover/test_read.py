@@ -91,6 +91,15 @@ def test_times_of_frames_that_are_read_later_count_from_the_same_moment(folders,
     assert times["f1"] - times["f0"] == times["f2"] - times["f1"] == 2
 
 
+def test_times_count_from_the_recordings_first_frame_though_it_is_not_read(folders, monkeypatch):
+    """As they do where its answer is simulated with."""
+    monkeypatch.setattr(read, "FEWEST_FRAMES", 1)
+    monkeypatch.setattr(read, "MOST_CELLS", 6 * 12)
+    found = read_comparison(*folders)
+    assert found.names == ("f1",)
+    assert np.asarray(found.scan.time_s) == 2
+
+
 @pytest.mark.parametrize(("long", "short", "most"), [(100, 10, 40), (10, 10, 30), (1000, 1, 16)])
 def test_short_scenes_keep_their_frames_and_long_ones_are_thinned_evenly(long, short, most, monkeypatch):
     monkeypatch.setattr(read, "MOST_CELLS", most * 6 * 12)

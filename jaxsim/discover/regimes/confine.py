@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.model.cast import cast
 from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
 from jaxsim.discover.model.likelihood import log_likelihood
 from jaxsim.discover.model.noise import Noise
@@ -121,6 +122,8 @@ class JudgeScenes:
     fitted: Float[np.ndarray, " b"]
     """1 for the find scenes."""
     frame: Int[np.ndarray, " b"]
+    made_of: tuple[Division, Problem, SensorModel] | None = None
+    """What `of` was given."""
 
     @classmethod
     def of(cls, division: Division, null: Problem, known: SensorModel) -> JudgeScenes:
@@ -128,7 +131,19 @@ class JudgeScenes:
         ev, scene = division.all_evidence(known)
         fitted = (scene < len(division.parts.find)).astype(np.float32)
         base = Problem(division.scan, ev, null.equations, null.noise, null.clutter)
-        return cls(reweighted(base, fitted), scene, fitted, division.blocks.frame)
+        return cls(reweighted(base, fitted), scene, fitted, division.blocks.frame, (division, null, known))
+
+    def halves(self) -> tuple[JudgeScenes, JudgeScenes]:
+        """The same with every second column alone: even ones, and odd ones."""
+        return self._every_second(0), self._every_second(1)
+
+    def _every_second(self, first: int) -> JudgeScenes:
+        if self.made_of is None:
+            raise ValueError("judge scenes: only those that `of` makes of a division have columns to take")
+        division, null, known = self.made_of
+        chosen = replace(division.blocks, column=division.blocks.column[:, first::2])
+        rays = cast(division.scan, chosen.frame, chosen.column)
+        return JudgeScenes.of(replace(division, blocks=chosen, rays=rays), null, known)
 
     def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
         """Each block's log-likelihood, nats, at the weights of the null."""
@@ -138,12 +153,16 @@ class JudgeScenes:
 
     def gained(self, one: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
         """The effect in its region, and what judge scenes gain with the choice `trial`, in which it acts there alone,
-        over `choice`. Where only drives' own readings divide them, the judge scenes that it suits join its region."""
-        judged = self.fitted == 0
+        over `choice`. Where only drives' own readings divide them, the judge scenes that it suits join its region: by
+        their even columns, and the odd ones say what they gain, for scenes that are asked whether they would gain and
+        then join cannot but gain."""
+        asked = self
         if one.region.scenes:
-            one, trial = self._joined(one, trial, facts)
+            choosing, asked = self.halves()
+            one, trial = choosing._joined(one, trial, facts)
         # At the equations of one null, each with the noise that it leaves: what differs is the region alone.
-        return one, float((self._with(trial) - self._with(choice))[judged].sum())
+        judged = asked.fitted == 0
+        return one, float((asked._with(trial) - asked._with(choice))[judged].sum())
 
     def _with(self, choice: Choice) -> Float[np.ndarray, " b"]:
         """Each block's log-likelihood with what is chosen in place."""

@@ -1,6 +1,8 @@
 """What scenes and sectors ask for, and an effect fitted where it acts."""
 
+import inspect
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from jaxsim.discover.regimes.confine import JudgeScenes, confine
 from jaxsim.discover.regimes.find import sizes
 from jaxsim.discover.regimes.questions import cells_of, questions
 from jaxsim.effects import EFFECTS
+from jaxsim.effects.region import Region
 from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
 from tests.discover.toy import device, toy
 
@@ -127,3 +130,16 @@ def test_what_judge_scenes_are_held_to_does_not_rest_on_what_they_report(standar
     result = replace(fit(law, null, fitted, steps=1), z=to_z(law, walk, 16), noise=null.noise)
     judge = JudgeScenes(null, frame, fitted, frame)
     np.testing.assert_array_equal(judge.likelier_with(law, result)[6:], apart[6:])
+
+
+def test_judge_scenes_join_by_half_of_their_columns_and_the_other_half_says_what_they_gain(monkeypatch):
+    """Scenes that join because they gain could not but gain."""
+    one, wider = SimpleNamespace(region=Region(scenes=("a",))), SimpleNamespace()
+    joined, before = SimpleNamespace(), SimpleNamespace()
+    nats = {id(joined): np.array([9.0, -2.0, -1.0]), id(before): np.array([0.0, 0.5, 0.5])}
+    choosing = SimpleNamespace(_joined=lambda *_: (wider, joined))
+    asked = SimpleNamespace(fitted=np.array([1.0, 0.0, 0.0]), _with=lambda choice: nats[id(choice)])
+    monkeypatch.setattr(JudgeScenes, "halves", lambda self: (choosing, asked))
+    judge = object.__new__(JudgeScenes)
+    gained = inspect.unwrap(JudgeScenes.gained)
+    assert gained(judge, one, joined, before, facts=None) == (wider, -4.0)
