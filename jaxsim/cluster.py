@@ -1,6 +1,6 @@
 """Work on a cluster of Dask: one function on many items, each on whichever worker is free.
 
-A job tells a worker how to come by the function: `open()` runs once in each worker process. What travels is small, a
+A job tells a worker how to come by the function: `open()` runs once a command in each worker process. What travels is small, a
 job's settings and an item; what is made lies on a disk that all share, under the same paths. Nothing is lost with a
 worker: Dask gives its items to another, and since files appear whole or not at all, two that make the same one do no
 harm.
@@ -19,6 +19,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from uuid import uuid4
 
 _log = logging.getLogger(__name__)
 
@@ -68,7 +69,8 @@ def spread(
     failures: list[str] = []
     try:
         with client.get_executor(pure=False) as pool:
-            task = pickle.dumps((job, _cache_folder())), build_name()
+            # The number makes the job this command's own: files may have changed since an equal one was opened.
+            task = pickle.dumps((job, _cache_folder(), uuid4().hex)), build_name()
             todo = {pool.submit(_do, *task, pickle.dumps(item)): item for item in items}
             try:
                 for future in as_completed(todo):
@@ -142,7 +144,7 @@ def _cache_folder() -> str | None:
 def _opened(job: bytes) -> Callable[[Any], Any]:
     import jax
 
-    wanted, cache = pickle.loads(job)
+    wanted, cache, _ = pickle.loads(job)
     if cache:
         jax.config.update("jax_compilation_cache_dir", cache)
     return wanted.open()

@@ -3,6 +3,7 @@
 import sys
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,26 @@ def test_what_cannot_be_done_is_told_when_all_else_is_done(scheduler):
     with pytest.raises(ValueError, match=r"test: 5 of 12 pieces of work failed.*is refused.*\(and 2 more\)"):
         done.extend(one.item for one in spread(scheduler, Squares((1, 2, 3, 7, 8)), range(12), by="test"))
     assert sorted(done) == [0, 4, 5, 6, 9, 10, 11]
+
+
+@dataclass(frozen=True)
+class Listing:
+    """Tells for each item what a folder held when the job was opened."""
+
+    folder: Path
+
+    def open(self):
+        return partial(self.told, names=sorted(path.name for path in self.folder.iterdir()))
+
+    def told(self, item, names):
+        return names
+
+
+def test_an_equal_command_that_follows_sees_what_has_come_meanwhile(scheduler, tmp_path):
+    for names in (["b"], ["a", "b"]):
+        (tmp_path / names[0]).touch()
+        told = [one.result for one in spread(scheduler, Listing(tmp_path), range(4), by="test")]
+        assert told == [names] * 4
 
 
 def test_an_error_that_nobody_expects_keeps_its_kind(scheduler):

@@ -17,11 +17,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import cv2
 import jax
@@ -57,6 +58,8 @@ class PairJob:
     """Fitted once: a worker that fitted its own could fit another."""
     scan: bool
     """Whether the frames have one."""
+    command: str = field(default_factory=lambda: uuid4().hex)
+    """Tells this command from others: what one opened is not the next one's, though its worker may live on."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +76,14 @@ class MadePair:
 
 
 @lru_cache(maxsize=1)
-def _dataset(data: DataConfig) -> Dataset:
-    return open_dataset(data)
+def _dataset(job: PairJob) -> Dataset:
+    """The job's data set, opened once a command and process."""
+    return open_dataset(job.data)
 
 
 def make(job: PairJob, position: int) -> MadePair:
     """The pair at one position. Raises ValueError where the frame lacks what the job asks for."""
-    dataset = _dataset(job.data)
+    dataset = _dataset(job)
     # Before it is read: a change meanwhile is seen the next time.
     [source] = pair_stamps(dataset, [position], job.spec)
     frame = dataset[position]

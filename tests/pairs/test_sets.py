@@ -92,6 +92,17 @@ def test_a_set_of_other_settings_is_not_added_to(raw_root, out, change, message,
         make_set(out, data, change.get("prepare", PREPARE), **settings, workers=1)
 
 
+def test_a_drive_that_came_since_an_earlier_set_of_the_process_has_its_place(raw_root, out):
+    """It sorts before the others, and moves their positions."""
+    earlier = raw_root / "2011_09_25" / "2011_09_25_drive_0001_sync"
+    shutil.copytree(raw_root / "2011_09_26" / "2011_09_26_drive_0002_sync", earlier)
+    for path in raw_root.glob("2011_09_26/*.txt"):
+        shutil.copy(path, earlier.parent)
+    make_set(out / "later", kitti(raw_root), PREPARE, train="0-1", workers=1)
+    names = [open_dataset(data).name_of(i) for data in (kitti(raw_root), of(out / "later")) for i in (0, 1)]
+    assert names[:2] == names[2:]
+
+
 def mend(root):
     """Another calibration of the date, as one that was copied wrongly is mended."""
     (calibration,) = root.glob("2011_09_26/calib_velo_to_cam.txt")
