@@ -1,9 +1,9 @@
 """Work on a cluster of Dask: one function on many items, each on whichever worker is free.
 
-A job tells a worker how to come by the function: `open()` runs once a command in each worker process. What travels is small, a
-job's settings and an item; what is made lies on a disk that all share, under the same paths. Nothing is lost with a
-worker: Dask gives its items to another, and since files appear whole or not at all, two that make the same one do no
-harm.
+A job tells a worker how to come by the function: `open()` runs once a command in each worker process. What travels is
+small, a job's settings and an item; what is made lies on a disk that all share, under the same paths. Nothing is lost
+with a worker: Dask gives its items to another, and since files appear whole or not at all, two that make the same one
+do no harm.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
 
-from jaxsim.config import DataConfig, DataKind
+from jaxsim.config import DataConfig, DataKind, Streets
 from jaxsim.config.ranges import Checked, Whole
 from jaxsim.data import Dataset, open_dataset, source_of
 from jaxsim.data.select import frames_to_judge
@@ -36,8 +36,8 @@ class DataSource(Checked):
     reordered."""
     seed: Whole | None = None
     """World seed of the embedded world."""
-    streets: Literal["town", "suburb"] | None = None
-    """Traffic and houses of the embedded world."""
+    streets: Streets | None = None
+    """Traffic and houses of the embedded world, dry or after rain."""
 
     @property
     def foreign(self) -> bool:

@@ -24,6 +24,8 @@ InputName = Literal[
     "rgb", "depth", "semantic", "edges", "incidence", "range", "log_range", "row", "beam", "surroundings"
 ]
 
+Streets = Literal["town", "suburb", "wet_town", "wet_suburb"]
+
 
 @dataclass(frozen=True)
 class DataConfig(Checked):
@@ -52,7 +54,7 @@ class DataConfig(Checked):
     """Frame numbers that training never sees."""
     seed: Whole = 0
     """World seed of the embedded world: frame i depends on (seed, i) alone."""
-    streets: Literal["town", "suburb", "wet_town", "wet_suburb"] = "town"
+    streets: Streets = "town"
     """Traffic and houses of the embedded world: two places that differ in how often what stands there, dry or after
     rain. A seed has the same streets in both, with other traffic: give another place another seed."""
     rows: Literal["file_order", "elevation"] = "file_order"

@@ -18,6 +18,8 @@ from jaxsim.frame import Frame
 from jaxsim.geometry import LidarSpec
 
 READERS = {"raw": KittiRaw, "object": KittiObject, "odometry": KittiOdometry}
+OF_ALL = ("training", "evaluation")
+"""Names that commands take for parts of the whole set: of several, one's own would leave the others out."""
 
 
 class KittiTogether:
@@ -59,14 +61,15 @@ class KittiTogether:
     @property
     def splits(self) -> dict[str, list[int]]:
         """Positions by part (`raw`, `object`, `odometry`), and the parts' own names where one part alone has them:
-        `drive_0009`, `val`, `sequence_08`."""
+        `drive_0009`, `val`, `sequence_08`; of several parts but OF_ALL."""
         splits: dict[str, list[int]] = {}
         starts = [0, *self._ends[:-1]]
         times = Counter(name for part in self.parts.values() for name in part.splits)
+        taken = {*READERS, *(OF_ALL if len(self.parts) > 1 else ())}
         for start, (name, part) in zip(starts, self.parts.items(), strict=True):
             splits[name] = list(range(start, start + len(part)))
             of_part = {key: [start + i for i in positions] for key, positions in part.splits.items()}
-            splits |= {key: positions for key, positions in of_part.items() if times[key] == 1 and key not in READERS}
+            splits |= {key: positions for key, positions in of_part.items() if times[key] == 1 and key not in taken}
         return splits
 
     @property

@@ -124,6 +124,8 @@ def _splits(dataset: Dataset, kind: str, *, train: str, evaluation: str) -> dict
     everything = list(range(len(dataset)))
     trained = select(train, dataset) if train else parts.get("training", everything)
     judged = select(evaluation, dataset) if evaluation else [] if train else parts.get("evaluation", [])
+    # Parts may be empty: those of frames with labels, where there are none.
+    trained = trained or ([] if judged else everything)
     both = sorted(set(trained) & set(judged))
     if both:
         raise ValueError(

@@ -87,6 +87,15 @@ def test_raw_and_object_frames_are_learned_from_together(raw_root, with_testing,
     assert all(np.isfinite(pair.target).all() for pair in pairs)
 
 
+def test_a_benchmarks_training_is_not_that_of_all(raw_root, with_testing):
+    """`jaxsim prepare` would leave the drives out."""
+    assert "training" in open_dataset("kitti", with_testing).splits
+    (with_testing / "raw").symlink_to(raw_root)
+    splits = open_dataset("kitti", with_testing).splits
+    assert {"raw", "object", "testing"} <= {*splits}
+    assert not {"training", "evaluation"} & {*splits}
+
+
 def test_names_that_two_parts_have_are_left_out(odometry_root, object_root):
     (object_root / "sequences").symlink_to(odometry_root / "sequences")
     dataset = open_dataset("kitti", object_root)

@@ -185,6 +185,15 @@ def test_frames_that_are_not_there_stop_before_anything_is_written(raw_root, ste
     assert not out.exists()
 
 
+def test_where_the_parts_of_a_data_set_are_empty_all_of_it_is_for_training(odometry_root, tmp_path):
+    """SemanticKITTI's parts are those of labelled scans."""
+    for labels in odometry_root.glob("sequences/*/labels"):
+        shutil.rmtree(labels)
+    data = DataConfig(kind="kitti_odometry", root=odometry_root)
+    make_set(tmp_path / "out", data, replace(PREPARE, inputs=("depth", "row")), workers=1)
+    assert open_dataset(of(tmp_path / "out")).splits["train"] == [0, 1, 2, 3]
+
+
 def test_all_that_frames_lack_is_told_at_once_and_before_anything_is_written(raw_root, tmp_path):
     with pytest.raises(ValueError, match="2011_09_26_drive_0001_sync-0000000000") as stop:
         make_set(tmp_path / "out", kitti(raw_root), PrepareConfig(image_crop=(400, 1216)), train="0-1", workers=1)
