@@ -34,7 +34,7 @@ from benchmarks.studies.lidia_adaptation import Adaptation, adapt
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset, select
-from jaxsim.data.records import PairRecord, example_of
+from jaxsim.data.records import PairRecord, kept_of
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.data.synthetic.world import cloud_of
 from jaxsim.files import replacing
@@ -99,7 +99,7 @@ def make_pairs(numbers: Sequence[int], data: DataConfig, prepare: PrepareConfig)
         record = raw.record(k)
         pair = replace(record.pair, target=target_of(record.pair, prepare))
         with replacing(folder / f"{numbers[k]:06d}.npz") as path:
-            np.savez(path, **example_of(replace(record, pair=pair)))
+            np.savez(path, **kept_of(replace(record, pair=pair)))
     return (time.process_time() - begun) / max(len(missing), 1)
 
 

@@ -18,7 +18,16 @@ from array_record.python.array_record_data_source import ArrayRecordDataSource
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data.kitti_files import listing
-from jaxsim.data.records import ARRAYS, LABELS, Entry, PairRecord, PreparedPairs, pair_settings, record_of
+from jaxsim.data.records import (
+    ARRAYS,
+    LABELS,
+    Entry,
+    PairRecord,
+    PreparedPairs,
+    check_pictured,
+    pair_settings,
+    record_of,
+)
 from jaxsim.data.tfds_builder import (
     FORMAT,
     MAKING,
@@ -91,12 +100,22 @@ class PreparedSet:
         """The pairs at these positions.
 
         Raises ValueError where the set does not hold them, was made with other settings than `prepare`, has no labels
-        that `prepare.inputs` needs, or nothing that a LiDAR measured; and, on reading, for a damaged record.
+        or image that `prepare.inputs` needs, or nothing that a LiDAR measured; and, on reading, for a damaged record,
+        and for one without image where the set does not tell.
         """
         self._check_settings(prepare)
         entries = [self._entry(p) for p in positions]
         places = [self._place[p] for p in positions]
-        return PreparedPairs(entries, lambda i: self._read(*places[i]))
+        for entry, (split, i) in zip(entries, places, strict=True):
+            pictured = self.about.splits[split].pictured
+            check_pictured(entry.name, prepare.inputs, has_image=not pictured or pictured[i])
+
+        def read(k: int) -> PairRecord:
+            record = self._read(*places[k])
+            check_pictured(record.name, prepare.inputs, has_image=record.has_image)
+            return record
+
+        return PreparedPairs(entries, read)
 
     @cached_property
     def _sources(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ those of `jaxsim.frame`, with `/` where a struct holds another.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +23,8 @@ from jaxsim.frame import Camera, CameraFrame, Painted, Pair, PolarGrid, PolarIma
 
 LABELS = {"semantic", "edges"}
 """Inputs that need class labels."""
+IMAGES = {"rgb", "surroundings"}
+"""Inputs that need an image."""
 Example = dict[str, Any]
 """A record's values by name, flat."""
 
@@ -64,6 +66,8 @@ class PairRecord:
     grid: PolarGrid
     camera: Camera
     image_size: tuple[int, int]
+    has_image: bool = True
+    """Whether the frame has one; where not, the pair's colours are black."""
 
     @property
     def view(self) -> CameraFrame:
@@ -84,7 +88,7 @@ _TREE = {
     "camera": Camera(**_holes(Camera)),
 }
 
-_SCALARS = {"name": ("", np.str_), "scene": ("", np.str_), "position": ("", np.integer)}
+_SCALARS = {"name": ("", np.str_), "scene": ("", np.str_), "position": ("", np.integer), "has_image": ("", np.bool_)}
 
 
 def _names() -> list[str]:
@@ -104,6 +108,22 @@ def example_of(record: PairRecord) -> Example:
     return {"name": record.name, "scene": record.scene, "position": record.position, **arrays}
 
 
+def kept_of(record: PairRecord) -> Example:
+    """The record's values as the cache keeps them: `example_of`, and `has_image`, which records of a prepared set do
+    not hold, for sets of before would be of another format: their metadata has it."""
+    return example_of(record) | {"has_image": record.has_image}
+
+
+def check_pictured(name: str, inputs: Collection[str], *, has_image: bool) -> None:
+    """Raises ValueError where a pair of this name has no image, and these inputs need one."""
+    needs = [one for one in inputs if one in IMAGES]
+    if needs and not has_image:
+        raise ValueError(
+            f"prepared: {name} has no image, which the inputs {' and '.join(needs)} need; leave them out of "
+            "--prepare.inputs, or choose frames that have one"
+        )
+
+
 def check_example(example: Mapping[str, Any]) -> None:
     """Raises ValueError where a value is not of the catalogue's type or shape, or arrays of a letter differ in it."""
     sizes: dict[str, int] = {}
@@ -118,7 +138,8 @@ def check_example(example: Mapping[str, Any]) -> None:
 
 
 def record_of(example: Mapping[str, Any]) -> PairRecord:
-    """The record of these values. Raises KeyError for a missing one."""
+    """The record of these values. Raises KeyError for a missing one; where they do not say whether there was an image,
+    one that is all black is none."""
     tree = jax.tree.unflatten(jax.tree.structure(_TREE), [example[name] for name in _names()])
     rows, columns = example["image_size"]
     return PairRecord(
@@ -127,6 +148,7 @@ def record_of(example: Mapping[str, Any]) -> PairRecord:
         position=int(example["position"]),
         edges=example["edges"],
         image_size=(int(rows), int(columns)),
+        has_image=bool(example.get("has_image", example["painted/rgb"].any())),
         **tree,
     )
 

@@ -52,6 +52,8 @@ class SplitPairs:
     """Laser lines and columns."""
     sources: tuple[str, ...] = ()
     """Stamps of what the pairs were made of; none in older sets. Only `jaxsim prepare` compares them with the files."""
+    pictured: tuple[bool, ...] = ()
+    """Whether the frames have an image; none in older sets, whose records tell it by their colours."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ def check_metadata(about: About) -> None:
         counts = {
             len(column) for column in (split_info.positions, split_info.names, split_info.scenes, split_info.windows)
         }
-        counts |= {len(split_info.sources)} if split_info.sources else set()
+        counts |= {len(column) for column in (split_info.sources, split_info.pictured) if column}
         if len(counts) > 1:
             raise ValueError(f"the lists of {split} differ in length")
         if not all(0 <= position < about.length for position in split_info.positions):

@@ -30,10 +30,14 @@ def loaded(point: Any, *, by: str, what: str) -> Any:
         ) from error
 
 
+def _sources(room: Path) -> list[Path]:
+    return sorted(file for file in room.rglob("*") if file.suffix in (".py", ".cc", ".h"))
+
+
 def making(settings: str, *parts: str) -> str:
     """Sixteen hexadecimal digits for what is made with these settings by the code of these rooms and files of the
     package: what was made by other code, or with other settings, is kept elsewhere."""
     root = Path(__file__).parents[1]
-    files = [file for part in parts for file in (sorted((root / part).rglob("*.py")) or [root / part])]
+    files = [file for part in parts for file in (_sources(root / part) or [root / part])]
     code = b"".join(file.read_bytes() for file in files)
     return hashlib.sha256(settings.encode() + code).hexdigest()[:16]

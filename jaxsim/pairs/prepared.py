@@ -18,7 +18,8 @@ from jaxsim.data.records import (
     PairRecord,
     PreparedPairs,
     check_example,
-    example_of,
+    check_pictured,
+    kept_of,
     pair_settings,
     record_of,
 )
@@ -29,14 +30,16 @@ from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
 from jaxsim.progress import Progress
 
-ARRAY_NAMES = (*ARRAYS, "name", "scene", "position")
+ARRAY_NAMES = (*ARRAYS, "name", "scene", "position", "has_image")
 """Names of the arrays of a kept pair."""
+CODE = ("data", "geometry", "prepare", "native", "frame.py", "products.py", "weights.py", "pairs/prepared.py")
+"""Rooms and files of the package that make pairs: those of other code are kept elsewhere."""
 
 
 def pairs_fingerprint(data: DataConfig, prepare: PrepareConfig) -> str:
     """Kind of data set, and a hash of all that pairs of these settings depend on: settings and code."""
     settings = json.dumps(pair_settings(data, prepare), sort_keys=True)
-    return f"{data.kind}-{making(settings, 'data', 'geometry', 'prepare', 'frame.py')}"
+    return f"{data.kind}-{making(settings, *CODE)}"
 
 
 def pairs_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
@@ -70,12 +73,13 @@ def make_record(
         grid=grid,
         camera=frame.camera.camera,
         image_size=frame.camera.rgb.shape[-3:-1],
+        has_image=frame.camera.has_image,
     )
 
 
 def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, *, prepare: PrepareConfig) -> PreparedPairs:
     """The pairs at these positions of a data set. Of frames, those that are not kept yet are made; a prepared set has
-    them, or says what it lacks.
+    them, or says what it lacks. Raises ValueError where a pair has no image, and `prepare.inputs` needs one.
 
     A killed run keeps what it has made. Several processes divide the work; where they share no disk, each then
     makes the rest for itself.
@@ -92,7 +96,7 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, *, prepar
         wait("prepared pairs")
     _make(dataset, positions, folder, kind=data.kind, prepare=prepare)
     files = _files(folder, dataset, positions)
-    return PreparedPairs([_entry(file) for file in files], lambda i: _read(files[i]))
+    return PreparedPairs([_entry(file, prepare) for file in files], lambda i: _read(files[i]))
 
 
 def pairs_before(
@@ -125,7 +129,7 @@ def _make(dataset: Any, positions: Sequence[int], folder: Path, *, kind: str, pr
     if missing:
         check_networks(prepare)
     for i, file in Progress(missing, desc=f"preparing {kind}", unit="frame", disable=not missing):
-        write_arrays(file, example_of(make_record(dataset[i], i, dataset.spec, prepare=prepare)))
+        write_arrays(file, kept_of(make_record(dataset[i], i, dataset.spec, prepare=prepare)))
 
 
 AGAIN = "delete it, and it is made anew"
@@ -135,10 +139,12 @@ def _read(file: Path) -> PairRecord:
     return record_of(_whole(file, read_arrays(file, by="prepared", again=AGAIN, summed=True), ARRAY_NAMES))
 
 
-def _entry(file: Path) -> Entry:
-    wanted = ("name", "scene", "grid/elevation_rad", "grid/azimuth_rad")
+def _entry(file: Path, prepare: PrepareConfig) -> Entry:
+    wanted = ("name", "scene", "has_image", "grid/elevation_rad", "grid/azimuth_rad")
     arrays = _whole(file, read_arrays(file, wanted, by="prepared", again=AGAIN), wanted)
     name = check_name(str(arrays["name"]), by="prepared")
+    # A frame without one was refused where its pair was to be made; that others see it may have been asked for since.
+    check_pictured(name, prepare.inputs, has_image=bool(arrays["has_image"]))
     window = len(arrays["grid/elevation_rad"]), len(arrays["grid/azimuth_rad"])
     return Entry(name, str(arrays["scene"]), window, f"{file.parent.name}/{file.stem}")
 

@@ -201,6 +201,7 @@ def _about(dataset: Dataset, job: PairJob, shards: Sequence[Shard], *, making: P
             scenes=tuple(value for note in of_split.values() for value in note["scenes"]),
             windows=tuple((rows, columns) for note in of_split.values() for rows, columns in note["windows"]),
             sources=tuple(value for note in of_split.values() for value in note["sources"]),
+            pictured=tuple(value for note in of_split.values() for value in note["pictured"]),
         )
     return About(
         jaxsim=version("jaxsim-lidar"),

@@ -44,6 +44,8 @@ AHEAD = 4
 MOST_SIDE = 100_000
 """No window has as many rows or columns."""
 DASK_RUNNER = "apache_beam.runners.dask.dask_runner.DaskRunner"
+COLUMNS = {"names": str, "scenes": str, "windows": list, "labelled": bool, "pictured": bool, "sources": str}
+"""What a file's note says of its pairs, a list each."""
 POLL_S = 1.0
 """Seconds between looks at what Beam's workers have finished."""
 
@@ -71,6 +73,7 @@ class MadePair:
     scene: str
     window: tuple[int, int]
     labelled: bool
+    pictured: bool
     source: str = ""
     """The stamp of what it was made of."""
 
@@ -89,8 +92,15 @@ def make(job: PairJob, position: int) -> MadePair:
     frame = dataset[position]
     record = make_record(frame, position, job.spec, prepare=job.prepare, scan=job.scan)
     rows, columns = record.pair.target.shape
-    labelled = frame.camera.semantic is not None
-    return MadePair(serialized(example_of(record)), record.name, record.scene, (rows, columns), labelled, source)
+    return MadePair(
+        serialized(example_of(record)),
+        name=record.name,
+        scene=record.scene,
+        window=(rows, columns),
+        labelled=frame.camera.semantic is not None,
+        pictured=record.has_image,
+        source=source,
+    )
 
 
 def _note_of(shard: Shard, folder: Path) -> Path:
@@ -117,7 +127,7 @@ def _is_note(about: Any, count: int) -> bool:
     """Whether a JSON value is what `write_shard` notes of so many pairs."""
     if not isinstance(about, dict) or type(about.get("bytes")) is not int:
         return False
-    for name, kind in {"names": str, "scenes": str, "windows": list, "labelled": bool, "sources": str}.items():
+    for name, kind in COLUMNS.items():
         column = about.get(name)
         if not isinstance(column, list) or len(column) != count or not all(isinstance(one, kind) for one in column):
             return False
@@ -127,11 +137,11 @@ def _is_note(about: Any, count: int) -> bool:
 
 def write_shard(shard: Shard, folder: Path, made: Iterable[MadePair], *, bar: Progress | None = None) -> None:
     """Writes the file of these pairs, then its note; tells `bar` of each pair."""
-    about: dict[str, list[Any]] = {"names": [], "scenes": [], "windows": [], "labelled": [], "sources": []}
+    about: dict[str, list[Any]] = {name: [] for name in COLUMNS}
 
     def records() -> Iterator[bytes]:
         for pair in made:
-            values = (pair.name, pair.scene, pair.window, pair.labelled, pair.source)
+            values = (pair.name, pair.scene, pair.window, pair.labelled, pair.pictured, pair.source)
             for column, value in zip(about.values(), values, strict=True):
                 column.append(value)
             yield pair.record

@@ -1,5 +1,6 @@
 """Sets of pairs on disk: the pairs that frames give, the same bytes whoever makes them, and nothing of another set."""
 
+import json
 import shutil
 from dataclasses import replace
 
@@ -118,6 +119,23 @@ def test_what_a_set_does_not_hold_or_was_not_made_for_is_an_error(raw_root, out,
         few[0]
     free = replace(PREPARE, inputs=("row",), network_size=(32, 64), max_range_m=80.0)
     assert len(few.pairs([0, 2], free)) == 2
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_set_of_frames_without_image_gives_no_colours(odometry_root, tmp_path, told):
+    data = DataConfig(kind="kitti_odometry", root=odometry_root)
+    settings = replace(PREPARE, inputs=("depth", "row"))
+    folder = make_set(tmp_path / "out", data, settings, train="0-1", workers=1)
+    if not told:  # a set of before
+        about = json.loads((folder / "metadata.json").read_text())
+        assert about["splits"]["train"].pop("pictured") == [True, False]
+        (folder / "metadata.json").write_text(json.dumps(about))
+    pairs = open_dataset(of(tmp_path / "out"))
+    assert len(list(pairs.pairs([0, 1], settings))) == 2
+    coloured = replace(settings, inputs=("rgb", "depth"))
+    assert pairs.pairs([0], coloured)[0].painted.rgb.any()
+    with pytest.raises(ValueError, match="sequence_00-000001 has no image, which the inputs rgb need"):
+        pairs.pairs([0, 1], coloured)[1]
 
 
 def test_folders_without_a_set_say_what_there_is(raw_root, out, tmp_path):

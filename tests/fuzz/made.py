@@ -17,7 +17,7 @@ from jaxsim.data.clouds import read_cloud
 from jaxsim.data.polar_frames import open_polar_frames, read_grid, write_frame, write_grid
 from jaxsim.data.prepared_set import PreparedSet
 from jaxsim.data.range_images import read_range_images
-from jaxsim.data.records import PairRecord, example_of
+from jaxsim.data.records import PairRecord, example_of, kept_of
 from jaxsim.data.tfds_builder import About, JaxsimPairs, Shard, SplitPairs, serialized
 from jaxsim.detect.scenes import Scene, View, read_scene, write_scene
 from jaxsim.discover.gate import read_gate
@@ -91,7 +91,7 @@ DATA, PREPARE = DataConfig(), PrepareConfig(inputs=("rgb", "depth"), columns=C)
 def _pairs(folder: Path) -> None:
     target = folder / pairs_fingerprint(DATA, PREPARE)
     target.mkdir(parents=True)
-    write_arrays(target / f"{_record(0).name}.npz", example_of(_record(0)))
+    write_arrays(target / f"{_record(0).name}.npz", kept_of(_record(0)))
 
 
 class _Gone:
@@ -120,7 +120,8 @@ def _read_pairs(folder: Path) -> Any:
 def _set(folder: Path) -> None:
     place = folder / "jaxsim_pairs" / "synthetic" / "1.0.0"
     shard = Shard("train", 0, 1, (0, 1))
-    made = [MadePair(serialized(example_of(_record(k))), f"f{k}", "x", (R, C), labelled=False) for k in (0, 1)]
+    records = [serialized(example_of(_record(k))) for k in (0, 1)]
+    made = [MadePair(records[k], f"f{k}", "x", (R, C), labelled=False, pictured=True) for k in (0, 1)]
     write_shard(shard, place, made)
     note = read_note(shard, place)
     assert note is not None

@@ -6,9 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
+import jaxsim
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
 from jaxsim.data.turned import Turned
+from jaxsim.files import code
 from jaxsim.pairs.prepared import pairs_folder, prepared
 
 PREPARE = PrepareConfig(inputs=("rgb", "depth"), columns=64)
@@ -73,6 +75,32 @@ def test_labels_asked_of_frames_without_are_an_error_also_after_pairs_without_we
     assert len(prepared(frames, [0], data, prepare=plain)) == 1
     with pytest.raises(ValueError, match="need class labels"):
         prepared(frames, [0], data, prepare=replace(plain, inputs=("rgb", "semantic")))
+
+
+def test_colours_asked_of_frames_without_image_are_an_error_also_after_pairs_without_were_made(odometry_root, tmp_path):
+    """They would all be black."""
+    data = DataConfig(kind="kitti_odometry", root=odometry_root, cache=tmp_path / "cache")
+    frames, plain = open_dataset(data), replace(PREPARE, inputs=("depth",), depth="ip_basic_fast")
+    assert [frames[i].camera.has_image for i in (0, 1)] == [True, False]
+    assert [record.has_image for record in map(prepared(frames, [0, 1], data, prepare=plain).record, (0, 1))] == [1, 0]
+    for inputs in (("rgb", "depth"), ("depth", "surroundings")):
+        coloured = replace(plain, inputs=inputs)
+        assert prepared(frames, [0], data, prepare=coloured)[0].painted.rgb.any()
+        with pytest.raises(ValueError, match=r"sequence_00-000001 has no image, which the inputs \w+ need; leave them"):
+            prepared(frames, [0, 1], data, prepare=coloured)
+
+
+@pytest.mark.parametrize("part", ["native/patches.cc", "products.py", "weights.py", "pairs/prepared.py"])
+def test_pairs_of_other_code_are_kept_apart(part, tmp_path, monkeypatch):
+    """All that a pair's numbers come from: a package in which one file more differs has other folders."""
+    package = tmp_path / "jaxsim"
+    shutil.copytree(Path(jaxsim.__file__).parent, package, ignore=lambda _, names: [n for n in names if n[0] == "_"])
+    monkeypatch.setattr(code, "__file__", str(package / "files" / "code.py"))
+    before = pairs_folder(DataConfig(), PREPARE)
+    assert pairs_folder(DataConfig(), PREPARE) == before
+    with (package / part).open("a") as file:
+        file.write("\n")
+    assert pairs_folder(DataConfig(), PREPARE) != before
 
 
 class Named:

@@ -9,11 +9,27 @@ from jaxsim.data.tfds_builder import Shard
 from jaxsim.pairs.shards import PairJob, make_all, read_note
 from tests.data.made_prepared_set import PREPARE, kitti
 
-RIGHT = {"bytes": 3, "names": ["a"], "scenes": ["x"], "windows": [[4, 8]], "labelled": [True], "sources": [""]}
+RIGHT = {
+    "bytes": 3,
+    "names": ["a"],
+    "scenes": ["x"],
+    "windows": [[4, 8]],
+    "labelled": [True],
+    "pictured": [True],
+    "sources": [""],
+}
 
 
 @pytest.mark.parametrize(
-    "change", [{"scenes": [1e30]}, {"names": [None]}, {"labelled": [1]}, {"windows": [[4, 0]]}, {"sources": [0]}]
+    "change",
+    [
+        {"scenes": [1e30]},
+        {"names": [None]},
+        {"labelled": [1]},
+        {"pictured": []},
+        {"windows": [[4, 0]]},
+        {"sources": [0]},
+    ],
 )
 def test_a_note_whose_columns_are_none_is_refused(tmp_path, change):
     shard = Shard("train", 0, 1, (0,))
