@@ -18,7 +18,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report.clouds import draw_simulated, write_simulated
 from jaxsim.report.scenes import CLOUDS_PAGE
-from jaxsim.simulate.folder import FrameMaker, data_words, simulate_folder
+from jaxsim.simulate.folder import FrameMaker, simulate_folder
 from jaxsim.simulate.grain import read_grain
 from jaxsim.simulate.sensor import LearnedSensor, Projection, load
 
@@ -78,9 +78,9 @@ class Simulate(Checked):
         maker = self.maker(load)
         of_run, page = maker.learned.run.experiment.data, self.out / CLOUDS_PAGE
         positions = self.data.choose(maker.dataset, of_run, frames=self.frames)
-        data = data_words(self.data.config(of_run), self.projection)
+        source = self.data.config(of_run)
         elsewhere = partial(on_cluster, address=self.cluster, command=self, by="simulate") if self.cluster else None
-        speed = simulate_folder(maker, positions, data=data, previews=self.previews, spread=elsewhere)
+        speed = simulate_folder(maker, positions, source=source, previews=self.previews, spread=elsewhere)
         if (drawn := positions[: self.previews]) and (speed.simulated or not page.exists()):  # to draw, it reads again
             write_simulated(self.out, maker.dataset, drawn, run=self.run.name)
         told = [f"{page} turns the frames that were drawn"] if page.exists() else []

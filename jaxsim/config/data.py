@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Whole
 
@@ -66,6 +66,12 @@ class DataConfig(Checked):
     def bare(self) -> DataConfig:
         """The settings that decide what a frame holds: which of them are used, and where results are kept, left out."""
         return replace(self, train="", validation="", cache=Path(), root=self.root and self.root.resolve())
+
+    @property
+    def of_frames(self) -> dict[str, Any]:
+        """What the frame at a position depends on besides its files, by name: folders of frames are claimed by it."""
+        names = ("scenes", "variations", "camera", "lidar", "seed", "streets")
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True)

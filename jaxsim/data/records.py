@@ -222,11 +222,12 @@ def pair_settings(data: DataConfig, prepare: PrepareConfig) -> dict[str, Any]:
     }
     for name in ("denoise_weights", "depth_weights"):
         if (path := getattr(prepare, name)) is not None:
-            values["prepare"][name] = _contents(path)
+            values["prepare"][name] = contents_of(path)
     return values
 
 
-def _contents(path: Path) -> str:
+def contents_of(path: Path) -> str:
+    """Names a file of weights by what it holds. Raises FileNotFoundError where it is missing."""
     if not path.is_file():
         raise FileNotFoundError(f"prepare: no weights at {path}; jaxsim convert writes them")
     return f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"

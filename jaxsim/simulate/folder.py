@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -24,7 +24,7 @@ from jaxsim.config import DataConfig
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import Announced, about_frame, frame_anew, write_frame
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import claim, file_of, files_in, stamp_of, tell_anew
+from jaxsim.files import claim, file_of, files_in, parse_json, stamp_of, tell_anew
 from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.prefetch import prefetch
@@ -181,14 +181,14 @@ def simulate_folder(
     maker: FrameMaker,
     positions: Sequence[int],
     *,
-    data: str,
+    source: DataConfig,
     previews: int = 0,
     spread: SpreadBatches | None = None,
 ) -> Speed:
     """Simulates the frames at these positions of the maker's data set; those that are there are not made again, unless
     their files are cut off or the data set's have changed since.
 
-    `data` says in words what the frames are of. Pictures are drawn of the first `previews`. `spread` has batches made
+    `source` are the settings of that data set. Pictures are drawn of the first `previews`. `spread` has batches made
     elsewhere, by the same maker, and gives what became of each as it is done. Raises ValueError where `out` holds
     frames of another making, and where a frame lacks what the network or an effect needs.
     """
@@ -205,8 +205,9 @@ def simulate_folder(
     claim_frames(
         out,
         fingerprint=maker.learned.fingerprint,
-        data=maker.words(data),
+        data=maker.words(data_words(source, maker.projection)),
         seed=maker.seed if effects_model or maker.draws else None,
+        source=source.of_frames,
     )
     names = [dataset.name_of(position) for position in positions]
     announced = Announced(out / "polar", grid, order=names)
@@ -239,7 +240,7 @@ def simulate_folder(
 
 
 def data_words(source: DataConfig, projection: Projection = "lidar") -> str:
-    """What frames are of, for `simulate_folder`: the kind of data set, and what else is unlike a run's own."""
+    """What frames are of, in words: the kind of data set, and what else is unlike a run's own."""
     unlike = [f"LiDAR in the {source.lidar}"] * (source.kind == "vkitti2" and source.lidar != "kitti")
     unlike += ["not projected"] * (projection == "none")
     return ", ".join([source.kind, *unlike])
@@ -271,15 +272,27 @@ def _files(out: Path, name: str, formats: Sequence[str]) -> list[Path]:
     return [*clouds, file_of(out / "polar", name, ".npz", by="simulate")]
 
 
-def claim_frames(out: Path, *, fingerprint: str, data: str, seed: int | None) -> None:
-    """Claims `out` for frames of a trained sensor (its `fingerprint`), a kind of data set and a seed.
+def claim_frames(out: Path, *, fingerprint: str, data: str, seed: int | None, source: Mapping[str, Any]) -> None:
+    """Claims `out` for frames of a trained sensor (its `fingerprint`), a kind of data set, `source`, which is what its
+    frames depend on (`DataConfig.of_frames`), and a seed.
 
-    The seed is None where nothing is left to chance. Raises ValueError where `out` holds frames of another making.
+    The seed is None where nothing is left to chance. Raises ValueError where `out` holds frames of another making. A
+    record of before that names no source is taken for this one's.
     """
-    made = {"sensor": fingerprint, "data": data, "seed": seed}
+    # As the file gives it back: what is compared with it must have lists for tuples.
+    made = json.loads(json.dumps({"sensor": fingerprint, "data": data, "seed": seed, "source": source}))
+    unsaid = {"source": made["source"]}
     note = "sensor is the fingerprint of a trained one: another run has another, and the same run trained on"
     filled = _has_frames(out)
-    claim(out / "simulation.json", made, by="simulate", text=json.dumps(made, indent=2), filled=filled, note=note)
+    claim(
+        out / "simulation.json",
+        made,
+        by="simulate",
+        text=json.dumps(made, indent=2),
+        filled=filled,
+        read=lambda record: unsaid | parse_json(record),
+        note=note,
+    )
 
 
 def claim_effects(out: Path, effects_model: SensorModel | None) -> None:

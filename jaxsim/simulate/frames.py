@@ -16,7 +16,7 @@ from jaxsim.data import Dataset
 from jaxsim.effects import get_effect, scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import placed
-from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
+from jaxsim.frame import Array, CameraFrame, Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import incidence
 from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import dense_view
@@ -45,7 +45,7 @@ def simulate_batch(
     for frame in frames:
         with placed(frame.name):
             check_image(frame.camera.rgb.shape[-3:-1], learned.run)
-    views = [dense_view(frame, learned.run.experiment.prepare) for frame in frames]
+    views = _alike([dense_view(frame, learned.run.experiment.prepare) for frame in frames])
     # Filled up with copies, so that one compiled program serves the last batch, too.
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
@@ -54,6 +54,19 @@ def simulate_batch(
     key = _filled(keys, size) if keys else None
     image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key, grain=grain))
     return image, painted, time.monotonic() - begun
+
+
+def _alike(views: Sequence[CameraFrame]) -> list[CameraFrame]:
+    """Views of the same rasters, which can be one batch.
+
+    Each has what the inputs need (`dense_view`). What else it lacks and others have is filled with 0, no class and no
+    object, as it is painted of a view alone.
+    """
+    nothing = np.zeros(views[0].rgb.shape[:-1], np.int32)
+    some = [name for name in ("semantic", "instance") if any(getattr(view, name) is not None for view in views)]
+    has_image = all(view.has_image for view in views)
+    filled = [{name: nothing for name in some if getattr(view, name) is None} for view in views]
+    return [replace(view, has_image=has_image, **lacking) for view, lacking in zip(views, filled, strict=True)]
 
 
 def _filled(keys: Sequence[Array], size: int) -> Array:

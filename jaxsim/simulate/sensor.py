@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from jaxsim.cloud import place_intensity
+from jaxsim.data.records import contents_of
 from jaxsim.files import digest_of_values
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
@@ -56,8 +57,11 @@ class LearnedSensor:
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 of its weights, beams, camera and preparation: of all that decides what it simulates."""
-        run = self.run
-        settings = (run.experiment.prepare, run.experiment.generator, run.spec, run.intrinsics, run.cam_from_velo)
+        run, prepare = self.run, self.run.experiment.prepare
+        # Where they are not, no depth is completed: renderers give theirs.
+        if prepare.depth == "penet" and prepare.depth_weights and prepare.depth_weights.is_file():
+            prepare = replace(prepare, depth_weights=Path(contents_of(prepare.depth_weights)))
+        settings = (prepare, run.experiment.generator, run.spec, run.intrinsics, run.cam_from_velo)
         return digest_of_values(jax.tree.leaves(self.params), after=repr(settings))
 
     def looking(self, ways: Literal[1, 2, 4]) -> LearnedSensor:

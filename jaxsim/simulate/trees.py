@@ -88,8 +88,7 @@ class TreePlan:
     def settings(self) -> dict[str, Any]:
         """All that decides what a frame's files hold, as plain values for export.json."""
         data = self.source
-        of_source = ("scenes", "variations", "camera", "lidar", "seed", "streets")
-        source = {"data": data.kind} | {key: getattr(data, key) for key in of_source}
+        source = {"data": data.kind} | data.of_frames
         recipe = {f"recipe.{key}": value for key, value in asdict(self.recipe).items()}
         if (grid := grid_file(self.recipe)) is not None:
             recipe["recipe.lines"] = f"grid of SHA-256 {hashlib.sha256(grid.read_bytes()).hexdigest()}"

@@ -331,8 +331,11 @@ MADE: dict[str, Reader] = {
         sealed=True,
     ),
     "simulation.json": Reader(
-        one("simulation.json", '{"sensor": "x", "data": "y", "seed": 0}'),
-        lambda f: (one("polar/a.npz", b"")(f), claim_frames(f, fingerprint="x", data="y", seed=0))[1:],
+        one("simulation.json", '{"sensor": "x", "data": "y", "seed": 0, "source": {"seed": 3}}'),
+        lambda f: (
+            one("polar/a.npz", b"")(f),
+            claim_frames(f, fingerprint="x", data="y", seed=0, source={"seed": 3}),
+        )[1:],
         ("simulation.json",),
     ),
     "record of settings": _claimed("plan.json", '{"a": 1, "b": [1, 2]}', {"a": 1, "b": [1, 2]}),

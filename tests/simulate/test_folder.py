@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +21,7 @@ from jaxsim.simulate.folder import (
 )
 from tests.simulate.made_trees import Six
 
-MADE = {"fingerprint": "4f2a", "data": "synthetic", "seed": 0}
+MADE = {"fingerprint": "4f2a", "data": "synthetic", "seed": 0, "source": DataConfig().of_frames}
 
 
 @pytest.fixture
@@ -42,6 +43,9 @@ def test_the_same_making_resumes(out):
         ({"fingerprint": "93c1"}, r"sensor was 4f2a, now 93c1"),
         ({"data": "kitti_raw"}, "data was synthetic, now kitti_raw"),
         ({"seed": 1}, "seed was 0, now 1"),
+        ({"source": DataConfig(streets="suburb").of_frames}, r"source\.streets was town, now suburb"),
+        ({"source": DataConfig(lidar="camera").of_frames}, r"source\.lidar was kitti, now camera"),
+        ({"source": DataConfig(scenes=("0001",)).of_frames}, r"source\.scenes was \[\], now \['0001'\]"),
     ],
 )
 def test_frames_of_another_making_are_not_added(out, change, meaning):
@@ -59,6 +63,13 @@ def test_frames_that_do_not_say_their_making_are_not_added_to(out):
     (out / "simulation.json").unlink()
     with pytest.raises(ValueError, match=r"no simulation\.json says"):
         claim_frames(out, **MADE)
+
+
+def test_a_note_of_before_that_names_no_source_is_taken_for_this_ones(out):
+    record = out / "simulation.json"
+    record.write_text(json.dumps({"sensor": "4f2a", "data": "synthetic", "seed": 0}))
+    claim_frames(out, **MADE)
+    assert json.loads(record.read_text())["source"]["streets"] == "town"
 
 
 def test_a_damaged_note_says_so(out):
@@ -169,7 +180,7 @@ def test_effects_that_drift_count_from_the_data_sets_first_frame(tmp_path, monke
         seen.extend(batches)
         return iter([MadeBatch({}, 0.1)])
 
-    simulate_folder(maker, [3, 4, 5], data="six", spread=spread)
+    simulate_folder(maker, [3, 4, 5], source=DataConfig(), spread=spread)
     assert [batch.first_s for batch in seen] == [1.3e9]
 
 

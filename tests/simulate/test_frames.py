@@ -4,12 +4,16 @@ import jax
 import numpy as np
 import pytest
 
+from jaxsim.config import PrepareConfig
+from jaxsim.data import open_dataset
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.geometry import preset, window_grid
 from jaxsim.simulate.folder import claim_effects
-from jaxsim.simulate.frames import with_effects
+from jaxsim.simulate.frames import simulate_batch, with_effects
+from jaxsim.simulate.sensor import load
+from tests.untrained import tiny_experiment, untrained_run
 
 GRID = window_grid(preset("vlp16"), 0.5, -0.5, columns=40)
 SHAPE = (16, 40)
@@ -49,6 +53,30 @@ def test_a_frame_depends_on_its_key_and_time():
     np.testing.assert_array_equal(first.valid, same.valid)
     assert (first.valid != other.valid).any()
     np.testing.assert_allclose(other.intensity[other.valid], 0.2 / np.e, rtol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def sensor(tmp_path_factory):
+    """One that sees neither colours nor classes."""
+    prepare = PrepareConfig(inputs=("depth", "row"), network_size=(16, 24), depth="given")
+    experiment = tiny_experiment()
+    return load(
+        untrained_run(tmp_path_factory.mktemp("run") / "plain", dataclasses.replace(experiment, prepare=prepare))
+    )
+
+
+def test_frames_of_other_rasters_are_simulated_together_as_each_alone(sensor):
+    """What a frame lacks, and no input needs, is nothing in its own result, and all that it is in the others'."""
+    world = open_dataset("synthetic")
+    whole, bare = world[1920], world[1921]
+    view = bare.camera
+    bare = dataclasses.replace(bare, camera=view.replace(semantic=None, instance=None, has_image=False))
+    images, painted, _ = simulate_batch(sensor, [whole, bare], 2)
+    for k, frame in enumerate((whole, bare)):
+        one, under, _ = simulate_batch(sensor, [frame], 2)
+        np.testing.assert_allclose(images.intensity[k], one.intensity[0], atol=1e-5)
+        np.testing.assert_array_equal(painted.semantic[k], under.semantic[0])
+        assert painted.instance[k].any() == under.instance[0].any() == (k == 0)
 
 
 def street():

@@ -53,6 +53,23 @@ def test_a_unet_looks_as_often_as_it_is_asked_to_and_tells_that_it_is_another_se
         load(step_run).looking(2)
 
 
+def test_a_sensor_with_other_weights_of_depth_is_another_wherever_they_lie(tmp_path):
+    embedded = load("embedded")
+
+    def fingerprint(weights):
+        experiment = embedded.run.experiment
+        prepare = replace(experiment.prepare, depth="penet", depth_weights=weights)
+        run = replace(embedded.run, experiment=replace(experiment, prepare=prepare))
+        return LearnedSensor(run, embedded.params).fingerprint
+
+    one, copied = tmp_path / "one.npz", tmp_path / "copied.npz"
+    one.write_bytes(b"one")
+    first = fingerprint(one)
+    assert fingerprint(one.rename(copied)) == first
+    copied.write_bytes(b"two")
+    assert len({fingerprint(copied), fingerprint(tmp_path / "none.npz"), embedded.fingerprint, first}) == 4
+
+
 @pytest.fixture(scope="module")
 def raw():
     """What a user has: the arrays of a view, and a sensor that simulates them without the tests' check of types."""
