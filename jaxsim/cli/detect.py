@@ -21,8 +21,8 @@ class Detect(Checked):
 
     Writes KITTI result files (results/NAME.txt) and pictures (pictures/NAME_above.png, and NAME_image.png where there
     is an image) to OUT, and clouds.html, a page that turns the drawn clouds in 3D. A cloud that has a result file is
-    not looked at again, so that a killed command resumes; OUT's detect.json says what made the results, and another
-    detector, cap or folder of clouds is refused there.
+    not looked at again, unless it has changed since, so that a killed command resumes; OUT's detect.json says what made
+    the results, and another detector, cap or folder of clouds is refused there.
     """
 
     detector: Annotated[Path, tyro.conf.Positional]

@@ -60,7 +60,7 @@ class Dataset(Protocol):
 
     One may also have `splits`, positions by the name of a part: `select("training", dataset)` takes it; and `lacks`, by
     that name, what of a part is not there and what to do. One of files has `files_of(i)`, those of a frame: what was
-    made of it is made anew once they have changed.
+    made of it is made anew once they have changed, or `told_of(i)`, a text of what a file of the whole set says of it.
     """
 
     name: str

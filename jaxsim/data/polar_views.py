@@ -86,9 +86,14 @@ class PolarViews:
         return f"{name}-{direction:03d}"
 
     def files_of(self, index: int) -> list[Path]:
-        """The polar frame's file. grid.json, which grows as frames are added, is in the sensor's table."""
+        """The polar frame's file. grid.json, which grows as frames are added, is in the sensor's table and `told_of`."""
         name, _ = self._place(index)
         return [self.frames.folder / f"{name}.npz"]
+
+    def told_of(self, index: int) -> str:
+        """The frame's scene, which grid.json says."""
+        name, _ = self._place(index)
+        return scene_of(name, self.frames)
 
     def _place(self, index: int) -> tuple[str, int]:
         frame, direction = divmod(index, len(DIRECTIONS_DEG))

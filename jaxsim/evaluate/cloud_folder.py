@@ -1,7 +1,7 @@
 """A folder of clouds for a detector, the cameras that stand beside them, and the folder of its results.
 
 Results are KITTI's (one NAME.txt a cloud). OUT/detect.json says what made them, so that a resumed command adds none of
-another making.
+another making, and keeps none of a cloud that has changed since.
 """
 
 from __future__ import annotations
@@ -24,7 +24,17 @@ from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_i
 from jaxsim.detect.results import Detected, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_detectable, seen_by
 from jaxsim.evaluate.detector import LearnedDetector, find_all, make_find
-from jaxsim.files import claim, digest_of_values, files_in, parse_json
+from jaxsim.files import (
+    CHANGED,
+    claim,
+    digest_of_values,
+    files_in,
+    parse_json,
+    stamp,
+    tell_anew,
+    why_anew,
+    write_text,
+)
 from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics.detection.files import read_detections
@@ -87,8 +97,14 @@ class CloudFolder:
             lidar_boxes(boxes, self.view(name).rect_from_velo).astype(np.float32), listed.score.astype(np.float32)
         )
 
+    def source(self, name: str, cloud: Path) -> str:
+        """The stamp of all that a cloud's result depends on; labels are only drawn."""
+        beside = (self.calib and self.calib / f"{name}.txt", self.images and self.images / f"{name}.png")
+        return stamp([cloud, *(path for path in beside if path)])
+
     def claim(self, out: Path, learned: LearnedDetector, **about: Any) -> None:
-        """Writes OUT/detect.json: all that decides what results hold, and what else is to be said `about` them.
+        """Writes OUT/detect.json: all that decides what results hold, the stamps of their clouds (`sources`), and what
+        else is to be said `about` them. Removes the results of clouds that have changed since.
 
         Raises ValueError where OUT holds results of something else, or of nobody knows what.
         """
@@ -99,14 +115,24 @@ class CloudFolder:
             # Of images each has its own size; without a calibration no rectangle is written.
             "image_size": None if self.images or not self.calib else list(self.image_size),
         }
-        claim(
-            path,
-            made,
-            by="detect",
-            text=json.dumps(about | {"made": made}, indent=1),
-            filled=bool(files_in(out / "results", ".txt")),
-            read=lambda record: parse_json(record)["made"],
-        )
+        there = {file.stem: file for file in files_in(out / "results", ".txt")}
+        was: dict[str, str] = {}
+
+        def read(record: bytes) -> dict[str, Any]:
+            content = parse_json(record)
+            was.update(content.get("sources", {}))
+            return content["made"]
+
+        claim(path, made, by="detect", filled=bool(there), read=read)
+        now = {file.stem: self.source(file.stem, file) for file in clouds_in(self.clouds)}
+        anew = {name: CHANGED for name in sorted({*there} & {*now}) if why_anew(was.get(name, ""), now[name])}
+        tell_anew(anew, by="detect")
+        for name in anew:
+            there.pop(name).unlink()
+        # Of what is to be made, before it is: a cloud that changes meanwhile is seen the next time. Of what stays, what
+        # was said of it, if anything was.
+        sources = {name: was.get(name, "") if name in there else now[name] for name in now}
+        write_text(path, json.dumps(about | {"made": made, "sources": sources}, indent=1))
 
 
 class Found(NamedTuple):

@@ -1,7 +1,8 @@
 """What frames are read from, and whether that has changed since: told by files' sizes and times; none is read for it.
 
 A data set of files says which they are by `files_of(i)`; others, such as the embedded world, have none, and nothing of
-theirs can change.
+theirs can change. What a frame has from a file of the whole set, which changes as frames are added, `told_of(i)` says
+as a text.
 """
 
 from __future__ import annotations
@@ -62,8 +63,10 @@ def read_once(
 
 
 def stamp_of(dataset: Any, position: int, more: str = "") -> str:
-    """The stamp of a frame's files: what was made of the frame is as good as new while it stays the same."""
-    return stamp(files_of(dataset, position), more)
+    """The stamp of a frame's files, and of what else is told of it: what was made of the frame is as good as new while
+    it stays the same."""
+    told_of = getattr(dataset, "told_of", None)
+    return stamp(files_of(dataset, position), more if told_of is None else f"{told_of(position)} {more}")
 
 
 def why_anew(was: str, now: str) -> str:

@@ -1,5 +1,6 @@
 """`jaxsim detect` on real scans with a tiny detector that never trained, and its errors."""
 
+import json
 import shutil
 from dataclasses import replace
 
@@ -111,6 +112,35 @@ def test_results_of_another_making_are_not_taken_for_these(run, results, kitti, 
     with pytest.raises(ValueError, match=r"settings \(clouds was .*clouds, now .*velodyne"):
         Detect(run, **results | {"clouds": kitti / "velodyne"})()
     assert (results["out"] / "results" / "000001.txt").read_text() == ""
+
+
+def test_results_of_clouds_that_have_changed_since_are_made_anew(run, results, monkeypatch, caplog):
+    """Those of a folder of before, which does not say what they were made of, stay."""
+
+    def finds(finder, network, given, **told):
+        for name, points in given:
+            yield name, Detected(np.float32([[len(points) / 1000, 2, -1, 4, 2, 1.5, 0]]), np.float32([0.9]))
+
+    monkeypatch.setattr("jaxsim.evaluate.cloud_folder.find_all", finds)
+    out, clouds = results["out"], results["clouds"]
+    results |= {"calib": None}
+    shutil.copy(clouds / "000001.bin", clouds / "000002.bin")
+
+    def found() -> list[str]:
+        Detect(run, **results)()
+        return [(out / f"results/00000{k}.txt").read_text().split()[13] for k in (1, 2)]
+
+    first = found()
+    points = np.fromfile(clouds / "000002.bin", "<f4").reshape(-1, 4)
+    points[: len(points) // 2].tofile(clouds / "000002.bin")
+    second = found()
+    assert second == found() == [first[0], f"{len(points) // 2 / 1000:.4f}"]
+    assert caplog.messages.count("detect: 000002 made anew: what it was made of has changed since") == 1
+    record = json.loads((out / "detect.json").read_text())
+    assert {*record.pop("sources")} == {"000001", "000002"}
+    (out / "detect.json").write_text(json.dumps(record))
+    points.tofile(clouds / "000002.bin")
+    assert found() == second
 
 
 def test_other_weights_or_another_score_limit_are_another_detector(run, results, tmp_path):

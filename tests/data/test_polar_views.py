@@ -6,10 +6,10 @@ import pytest
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import full_grid, preset, project
-from jaxsim.pairs.prepared import pairs_before
+from jaxsim.pairs.prepared import pairs_before, prepared
 from jaxsim.prepare import prepare_frame
 
 SPEC = preset("hdl32e")
@@ -69,6 +69,18 @@ def test_views_of_one_moment_do_not_follow_one_another(tmp_path):
     write_corridor(tmp_path)
     data = DataConfig(kind="polar", root=tmp_path, cache=tmp_path / "cache")
     assert pairs_before(open_dataset(data), [0, 1, 2, 3], data, prepare=QUARTER) == [None] * 4
+
+
+def test_a_scene_that_is_named_anew_is_its_pairs_too(tmp_path):
+    """Else the same street is learned and judged."""
+    write_corridor(tmp_path, frames=2)
+    data = DataConfig(kind="polar", root=tmp_path, cache=tmp_path / "cache")
+    grid, about = read_grid(tmp_path)
+    before = prepared(open_dataset(data), [0, 4], data, prepare=QUARTER)
+    write_grid(tmp_path, grid, frames=about | {"01": {"scene": "a bridge"}})
+    after = prepared(open_dataset(data), [0, 4], data, prepare=QUARTER)
+    assert (before.scenes, after.scenes) == (["street 0", "street 1"], ["street 0", "a bridge"])
+    assert after.keys[0] == before.keys[0]
 
 
 def test_what_the_frames_lack_and_where_they_come_from_is_told(tmp_path):
