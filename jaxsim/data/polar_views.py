@@ -86,7 +86,7 @@ class PolarViews:
         return f"{name}-{direction:03d}"
 
     def files_of(self, index: int) -> list[Path]:
-        """The polar frame's file. grid.json, which grows as frames are added, is in the sensor's table and `told_of`."""
+        """The polar frame's file. grid.json, which grows as frames are added, is in the beam table and `told_of`."""
         name, _ = self._place(index)
         return [self.frames.folder / f"{name}.npz"]
 
