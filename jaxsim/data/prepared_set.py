@@ -106,13 +106,16 @@ class PreparedSet:
         self._check_settings(prepare)
         entries = [self._entry(p) for p in positions]
         places = [self._place[p] for p in positions]
+        pictured = {split: part.pictured for split, part in self.about.splits.items()}
         for entry, (split, i) in zip(entries, places, strict=True):
-            pictured = self.about.splits[split].pictured
-            check_pictured(entry.name, prepare.inputs, has_image=not pictured or pictured[i])
+            if pictured[split]:
+                check_pictured(entry.name, prepare.inputs, has_image=pictured[split][i])
 
         def read(k: int) -> PairRecord:
-            record = self._read(*places[k])
-            check_pictured(record.name, prepare.inputs, has_image=record.has_image)
+            split, i = places[k]
+            record = self._read(split, i)
+            if not pictured[split]:
+                check_pictured(record.name, prepare.inputs, has_image=record.has_image)
             return record
 
         return PreparedPairs(entries, read)
