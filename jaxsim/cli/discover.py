@@ -16,7 +16,7 @@ from jaxsim.config.ranges import Whole
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.discover.gate import quick_distances
-from jaxsim.discover.verdict import Verdict
+from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report.discovery import write_answer
@@ -75,12 +75,17 @@ class Discover(Sides):
 
     def __call__(self) -> None:
         check_flags(self.gate, self.write_gate, fast=self.fast)
-        compare = (lambda: quick_distances(*self.folders())) if self.fast else self.answer
+        compare = self.distances if self.fast else self.answer
         if self.gate:
             sys.exit(ask_gate(self.gate, self.out, compare))
         shown = compare()
         if self.write_gate:
             make_gate(self.write_gate, self.out, shown)
+
+    def distances(self) -> dict[str, Interval]:
+        """Distances alone, of frames of one name."""
+        check_unpaired(vars(self))
+        return quick_distances(*self.folders())
 
     def answer(self) -> Verdict:
         """The whole answer, written to `out`."""

@@ -18,6 +18,7 @@ _log = logging.getLogger(__name__).info
 NOT_UNPAIRED = {
     "run": "but a run's frames are simulated on the measured streets; give --measured and --simulated instead of it",
     "lambert": "which has the measured streets; leave it out",
+    "fast": "which compares frames of one name; leave it out and ask the whole answer",
     "every_frame": "which judges what was named frame by frame; leave it out",
     "nulls": "which exchanges scenes between the sides to see what chance does; leave one of them out",
     "effects_from": "which tells effects of the catalogue alone; leave it out",

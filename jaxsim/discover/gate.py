@@ -29,7 +29,8 @@ from jaxtyping import Float
 from jaxsim.data.polar_frames import open_polar_frames, scene_of
 from jaxsim.discover.checks import check_one_grid
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import Interval, Verdict
+from jaxsim.discover.scenes import scene_means
+from jaxsim.discover.verdict import Interval, Named, Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.files import check_keys, read_json, real, write_text
 from jaxsim.frame import PolarImage
@@ -40,6 +41,9 @@ Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
 """Allowed where what nothing describes may be missing, too."""
 NOT_COMPARED = "the channel was not compared"
+NOT_ASKED = "the two sides' intensities have no relation to each other, so no effect on them was asked"
+LEFT = ("unexplained", "repeats")
+"""Keys of a verdict.json for what no effect describes; it may stand beside effects that are named."""
 GATE_KEYS = ("thresholds", "allowed", "baseline", "effect_nats")
 """What a gate.json may say."""
 DISTANCE_UNITS = {"intensity": "share of full scale", "range": "m", "drop": "share of rays"}
@@ -58,8 +62,8 @@ class Gate:
     baseline: Mapping[str, Any] | None
     """A verdict.json of before: what it names may be missing, and distances may be as large."""
     effect_nats: float = RULES.gate_effect_nats
-    """What a named effect must gain on held-out scenes to be a gap, and what has no name on judge scenes, nats each; of
-    less the gate is unsure."""
+    """What a named effect must gain on held-out scenes to be a gap, and what has no name on judge scenes beyond the
+    named effects, nats each; of less the gate is unsure. Losses unpaired gain no nats and go by their p."""
 
 
 @dataclass(frozen=True)
@@ -167,6 +171,8 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     """The checks of a whole answer."""
     before = {one.get("name") for one in (gate.baseline or {}).get("effects", [])}
     checks = [_named(gate, verdict, before)]
+    if verdict.unrelated and not (gate.baseline or {}).get("unrelated"):
+        checks.append(Check("effects on intensity", "unsure", NOT_ASKED))
     for channel, most in gate.thresholds.items():
         gap = verdict.gap.get(channel)
         if gap is None or not np.isfinite(gap.before):
@@ -191,24 +197,41 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
 def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
     new = [one for one in verdict.effects if one.name not in gate.allowed | before]
     told = [
-        f"{one.name} ({', '.join(one.channels)}, p {one.p_value:.2g}, {one.gain.value:.3g} nats a scene)" for one in new
+        f"{one.name} ({', '.join(one.channels)}, p {one.p_value:.2g}, {one.gain.value:.3g} {one.gain.unit})"
+        for one in new
     ]
     # An effect stands on the others that are named: if one of them is certain, so is that something is missing.
-    certain = any(one.gain.value >= gate.effect_nats for one in new)
+    certain = any(_certain(one, gate.effect_nats) for one in new)
     # What had no name before is nothing new, either.
-    was_so = gate.baseline is not None and gate.baseline.get("verdict") == NOT_NAMED
-    if verdict.verdict == NOT_NAMED and NOT_NAMED not in gate.allowed and not was_so:
+    was_so = any((gate.baseline or {}).get(key) for key in LEFT) or (gate.baseline or {}).get("verdict") == NOT_NAMED
+    remains = verdict.verdict == NOT_NAMED or any(getattr(verdict, key) for key in LEFT)
+    if remains and NOT_NAMED not in gate.allowed and not was_so:
         what = verdict.unexplained.covariate if verdict.unexplained else "its own coordinates"
-        nats = verdict.judged_nats(*verdict.gap)
-        told.append(f"something that no effect describes, along {what} ({nats:.3g} nats a judge scene)")
+        # Judge scenes gain by the named effects, too: only what is more than these gain for certain is its own.
+        beside = sum(one.gain.high for one in verdict.effects if _in_nats(one))
+        nats = verdict.judged_nats(*verdict.gap) - beside
+        beyond = " beyond the named effects" if verdict.effects else ""
+        told.append(f"something that no effect describes, along {what} ({nats:.3g} nats a judge scene{beyond})")
         certain = certain or nats >= gate.effect_nats
     if certain:
         return Check("effects", "gap", f"the simulation lacks {', '.join(told)}")
     if told:
         least = f"under {gate.effect_nats:g} nats a scene chance may have found it"
+        if not all(_in_nats(one) for one in new):
+            least = f"{least}, and losses at a p above {RULES.unpaired_level:g}"
         return Check("effects", "unsure", f"the simulation may lack {', '.join(told)}; {least}")
     allowed = ", ".join(one.name for one in verdict.effects)
     return Check("effects", "pass", f"nothing but what may be: {allowed}" if allowed else "no effect is missing")
+
+
+def _in_nats(effect: Named) -> bool:
+    """Whether an effect's gain is a likelihood; of losses unpaired it is the share of rays that they cost."""
+    return effect.gain.unit.startswith("nats")
+
+
+def _certain(effect: Named, nats: float) -> bool:
+    """Whether chance has not named it."""
+    return effect.gain.value >= nats if _in_nats(effect) else effect.p_value <= RULES.unpaired_level
 
 
 def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:
@@ -241,27 +264,25 @@ def colour_of(checks: tuple[Check, ...]) -> Colour:
 def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     """Distances of two folders' frames of one name.
 
-    intensity: mean absolute difference where both sides return. range: median absolute difference there. drop: share
-    of the rays that hit something in the simulation on which one side alone returns, 1 at most. Each is the mean over a
-    scene's frames, then over scenes. Raises ValueError where the folders are not of one grid, share no frame, or have
-    fewer than `Rules.fewest_for_scatter`.
+    intensity: mean absolute difference where both sides return. range: median absolute difference there. drop: rays
+    on which one side alone returns, as a share of those that hit something in the simulation, 1 at most and where none
+    does. Each is the mean over a scene's frames, then over scenes. Raises ValueError where the folders are not of one
+    grid, share no frame, or have fewer than `Rules.fewest_for_scatter`.
     """
     ours, theirs = open_polar_frames(simulated), open_polar_frames(measured)
     check_one_grid(ours, theirs)
     names = [name for name in ours.names if name in set(theirs.names)]
     if not names:
         raise ValueError(f"discover: no frame of {simulated} has a partner of its name in {measured}")
-    by_scene: dict[str, list[np.ndarray]] = {}
-    for name in names:
-        distances = frame_distances(ours.read(name)[0], theirs.read(name)[0])
-        by_scene.setdefault(scene_of(name, theirs, ours), []).append(distances)
-    if len(by_scene) < RULES.fewest_for_scatter:
+    # Scenes count alike, however many frames each has: frames of one street are not independent.
+    table = scene_means(
+        (scene_of(name, theirs, ours), frame_distances(ours.read(name)[0], theirs.read(name)[0])) for name in names
+    )
+    if len(table) < RULES.fewest_for_scatter:
         raise ValueError(
-            f"discover: {len(by_scene)} scenes; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
+            f"discover: {len(table)} scenes; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
             "does (frames of one drive share a scene in grid.json)"
         )
-    # Scenes count alike, however many frames each has: frames of one street are not independent.
-    table = np.array([np.nanmean(rows, axis=0) for rows in by_scene.values()])
     return {channel: distance_of(table[:, k], unit) for k, (channel, unit) in enumerate(DISTANCE_UNITS.items())}
 
 
@@ -270,7 +291,8 @@ def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.nda
     ours, theirs = np.asarray(simulated.valid), np.asarray(measured.valid)
     both = ours & theirs
     # Returns of the measured side alone count as well, and may be more than the simulation's.
-    drop = min((ours ^ theirs).sum() / ours.sum(), 1.0) if ours.any() else np.nan
+    # A simulated frame without any return lacks all that the sensor saw: it must count.
+    drop = min((ours ^ theirs).sum() / max(ours.sum(), 1), 1.0) if (ours | theirs).any() else np.nan
     if not both.any():
         return np.array([np.nan, np.nan, drop])
     intensity = np.abs(np.asarray(simulated.intensity)[both] - np.asarray(measured.intensity)[both]).mean()

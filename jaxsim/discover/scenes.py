@@ -16,7 +16,7 @@ only scenes are independent. Letters: s scenes, b blocks of columns (each of one
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +56,18 @@ def split_scenes(names: Sequence[str], *, fewest: int = RULES.fewest_scenes) -> 
     find = sorted(order[count:])
     text = "\n".join(["find", *find, "judge", *judge])
     return Split(tuple(find), tuple(judge), hashlib.sha256(text.encode()).hexdigest())
+
+
+def scene_means(frames: Iterable[tuple[str, Float[np.ndarray, " k"]]]) -> Float[np.ndarray, "s k"]:
+    """A row a scene: the mean over its frames' numbers that are known, NaN where none is. Frames come one by one, each
+    with the name of its scene, and are forgotten."""
+    rows: dict[str, list[np.ndarray]] = {}
+    for scene, numbers in frames:
+        rows.setdefault(scene, []).append(numbers)
+    known = [np.isfinite(of_scene) for of_scene in rows.values()]
+    sums = [np.where(k, of_scene, 0).sum(0) for k, of_scene in zip(known, rows.values(), strict=True)]
+    counts = np.array([k.sum(0) for k in known])
+    return np.where(counts > 0, np.array(sums) / np.maximum(counts, 1), np.nan)
 
 
 def folds(scene: Int[np.ndarray, " b"], count: int = RULES.folds) -> Float[np.ndarray, "k b"]:

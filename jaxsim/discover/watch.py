@@ -17,14 +17,15 @@ from jaxtyping import Float
 
 from jaxsim.data.polar_frames import open_polar_frames, scene_of
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import difference_interval
+from jaxsim.discover.scenes import difference_interval, scene_means
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import grid_difference
 
 PARTS_OF_TURN = 12
 """Parts of the columns: 30 degrees each of a whole turn."""
 _LEAST = 1e-3
-"""Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm."""
+"""Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm; and the least scatter and the
+least change of returns that has none, for means of equal shares differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +72,13 @@ def watch_days(before: Path, days: Sequence[Path]) -> tuple[Day, ...]:
 def scene_table(folder: Path) -> tuple[PolarGrid, Float[np.ndarray, "s k"]]:
     """What is asked of a folder's frames: a row a scene, the mean of its frames. NaN where a row saw nothing."""
     frames = open_polar_frames(folder)
-    by_scene: dict[str, list[np.ndarray]] = {}
-    for name in frames.names:
-        scene = scene_of(name, frames)
-        by_scene.setdefault(scene, []).append(measures(frames.read(name)[0]))
-    if len(by_scene) < RULES.fewest_for_scatter:
+    table = scene_means((scene_of(name, frames), measures(frames.read(name)[0])) for name in frames.names)
+    if len(table) < RULES.fewest_for_scatter:
         raise ValueError(
-            f"watch: {folder} has {len(by_scene)} scenes; {RULES.fewest_for_scatter} are needed to know how much "
+            f"watch: {folder} has {len(table)} scenes; {RULES.fewest_for_scatter} are needed to know how much "
             "streets differ (frames without a scene in grid.json are scenes of their own)"
         )
-    return frames.grid, np.array([_mean(np.array(rows)) for rows in by_scene.values()])
+    return frames.grid, table
 
 
 def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
@@ -121,16 +119,10 @@ def changes(
             continue
         # Bonferroni: all questions of a day share one chance of a false alarm.
         low, high = difference_interval(now, then, level=1 - RULES.watch_chance / len(names))
-        # Scenes without any scatter say nothing of chance.
-        if low < high and (low > 0 or high < 0):
-            value = float(now.mean() - then.mean())
+        value = float(now.mean() - then.mean())
+        # Intensities without any scatter say nothing of chance; a beam that always returns has none, nor a dead one.
+        told = low < high or (channel == "returns" and abs(value) > _LEAST)
+        if told and (low > 0 or high < 0):
             # Ranked in units of scatter: nats and shares do not compare.
-            changed.append((abs(value) / (high - low), Change(what, channel, value, low, high)))
+            changed.append((abs(value) / max(high - low, _LEAST), Change(what, channel, value, low, high)))
     return tuple(change for _, change in sorted(changed, key=lambda pair: -pair[0]))
-
-
-def _mean(rows: Float[np.ndarray, "f k"]) -> Float[np.ndarray, " k"]:
-    """The mean of what is known in each column; NaN where nothing is."""
-    finite = np.isfinite(rows)
-    count = finite.sum(axis=0)
-    return np.where(count > 0, np.where(finite, rows, 0).sum(axis=0) / np.maximum(count, 1), np.nan)

@@ -21,7 +21,7 @@ from jaxsim.discover.gate import (
     save_gate,
     thresholds_of,
 )
-from jaxsim.discover.verdict import Interval
+from jaxsim.discover.verdict import Interval, Named
 from jaxsim.frame import PolarImage
 from tests.discover.made_embedded import write_streets
 from tests.discover.made_gate import sides
@@ -112,7 +112,7 @@ def test_a_gate_is_unsure_of_effects_that_chance_may_have_named(tmp_path):
     [check] = check_verdict(gate(tmp_path, allowed=[]), faint)
     assert check.colour == "unsure"
     assert f"the simulation may lack {effects[0].name} (" in check.words
-    assert "1.2 nats a scene" in check.words
+    assert "1.2 nats per scene" in check.words
     assert colour_of(check_verdict(gate(tmp_path, effect_nats=1.0), faint)) == "gap"
     assert colour_of(check_verdict(gate(tmp_path, effect_nats=0), faint)) == "gap"
     assert colour_of(check_verdict(gate(tmp_path, effect_nats=1e9), certain)) == "unsure"
@@ -231,6 +231,18 @@ def test_frames_that_cannot_be_compared_end_with_two(tmp_path):
     assert 'errors="1"' in (tmp_path / "out/junit.xml").read_text()
 
 
+def test_different_streets_have_no_frames_of_one_name_to_compare_fast(tmp_path):
+    simulated, measured = sides(tmp_path)
+    (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')
+    given = {"out": tmp_path / "out", "simulated": simulated, "measured": measured, "unpaired": True, "fast": True}
+    with pytest.raises(SystemExit) as stop:
+        discover.Discover(**given, gate=tmp_path / "gate.json")()
+    assert stop.value.code == 2
+    assert "--fast came with --unpaired" in (tmp_path / "out/gate.md").read_text()
+    with pytest.raises(ValueError, match="--fast came with --unpaired, which compares frames of one name"):
+        discover.Discover(**given, write_gate=tmp_path / "new.json")()
+
+
 def test_a_gate_that_cannot_be_read_is_no_gap(tmp_path):
     simulated, measured = sides(tmp_path)
     (tmp_path / "gate.json").write_text('{"threshold": {"intensity": 0.02}}')
@@ -305,3 +317,55 @@ def test_no_more_than_all_rays_are_lost(common):
     intensity, _, drop = frame_distances(image(ray < 5 + common), image(ray >= 5))
     assert drop == 1
     assert np.isnan(intensity) == (not common)
+
+
+def test_a_simulator_that_renders_nothing_in_most_frames_is_red(tmp_path):
+    simulated, measured = sides(tmp_path)
+    asked = gate(tmp_path, thresholds=thresholds_of(quick_distances(simulated, measured)))
+    for file in sorted(simulated.glob("*.npz"))[2:]:
+        np.savez(file, **{name: np.zeros_like(array) for name, array in np.load(file).items()})
+    colours = {check.name: check.colour for check in check_distances(asked, quick_distances(simulated, measured))}
+    assert colours["drop"] == "gap"
+
+
+def test_frames_in_which_neither_side_sees_anything_differ_in_nothing():
+    nothing = np.zeros((2, 3), bool)
+    image = PolarImage(nothing.astype(np.float32), nothing.astype(np.float32), nothing)
+    assert np.isnan(frame_distances(image, image)).all()
+
+
+@pytest.mark.parametrize("said", ["unrelated", "a curve", "a pattern"])
+def test_what_was_not_asked_or_has_no_name_beside_what_may_be_missing_is_unsure(tmp_path, said):
+    named = results.named().verdict
+    more = {
+        "unrelated": {"unrelated": True},
+        "a curve": {"unexplained": results.not_in_catalogue().verdict.unexplained},
+        "a pattern": {"repeats": results.repeating().verdict.repeats},
+    }
+    verdict = unseen(replace(named, **more[said]), nats=sum(one.gain.value for one in named.effects))
+    allowed = [one.name for one in named.effects]
+    assert colour_of(check_verdict(gate(tmp_path, allowed=allowed), named)) == "pass"
+    assert colour_of(check_verdict(gate(tmp_path, allowed=allowed), verdict)) == "unsure"
+    # What judge scenes gain beyond the named effects is the curve's.
+    much = unseen(verdict, nats=sum(one.gain.high for one in named.effects) + 3)
+    red = colour_of(check_verdict(gate(tmp_path, allowed=allowed), much))
+    assert red == ("unsure" if said == "unrelated" else "gap")
+    verdict.save(tmp_path)
+    assert colour_of(check_verdict(gate(tmp_path, baseline="verdict.json"), verdict)) == "pass"
+
+
+@pytest.mark.parametrize("result", ["named", "none", "not_in_catalogue", "repeating"])
+def test_a_baseline_passes_itself(tmp_path, result):
+    verdict = getattr(results, result)().verdict
+    verdict.save(tmp_path)
+    assert colour_of(check_verdict(gate(tmp_path, baseline="verdict.json"), verdict)) == "pass"
+
+
+@pytest.mark.parametrize(("p", "colour"), [(2.0**-12, "gap"), (0.03, "unsure")])
+def test_losses_that_gain_no_nats_are_red_by_their_chance(tmp_path, p, colour):
+    share = Interval(0.45, 0.44, 0.46, "share of rays")
+    lost = Named("random_dropout", (), {}, ("drop",), p, share, {})
+    [check] = check_verdict(gate(tmp_path, allowed=[]), replace(results.named().verdict, effects=(lost,)))
+    assert check.colour == colour
+    assert "0.45 share of rays" in check.words
+    assert ("losses at a p above 0.01" in check.words) == (colour == "unsure")

@@ -13,6 +13,7 @@ from jaxsim.discover.scenes import (
     fold_half_width,
     folds,
     p_value,
+    scene_means,
     split_scenes,
 )
 
@@ -23,6 +24,13 @@ def test_a_third_of_the_scenes_is_kept_for_judging_and_none_serves_twice():
     parts = split_scenes(NAMES)
     assert len(parts.judge) == 5
     assert sorted([*parts.find, *parts.judge]) == sorted(NAMES)
+
+
+def test_a_scene_is_the_mean_of_what_its_frames_know():
+    nan = np.nan
+    frames = [("a", [1.0, nan, nan]), ("b", [4.0, 5.0, nan]), ("a", [3.0, 2.0, nan])]
+    table = scene_means((scene, np.array(numbers)) for scene, numbers in frames)
+    np.testing.assert_array_equal(table, [[2.0, 2.0, nan], [4.0, 5.0, nan]])
 
 
 def test_the_same_scenes_always_divide_alike():

@@ -1,8 +1,10 @@
 """A sensor over days: what was put in is found and nothing else is."""
 
 import numpy as np
+import pytest
 
 from jaxsim.discover.watch import PARTS_OF_TURN, changes, measure_names, measures, watch_days
+from jaxsim.frame import PolarImage
 from tests.discover.made_watch import GRID, day, drives, dying_beam
 
 ROWS, COLUMNS, SCENES = 8, 96, 10
@@ -35,3 +37,20 @@ def test_unchanged_days_seldom_show_a_change():
     shown = [bool(changes(table(2 * k), table(2 * k + 1), names)) for k in range(40)]
     # One in twenty is what is promised; seven of forty would come once in two hundred times.
     assert sum(shown) < 7
+
+
+@pytest.mark.parametrize("dead", [(), (5,), (1, 3, 5)])
+def test_beams_that_are_dead_where_every_ray_returns_are_found(dead):
+    def full(seed, *rows):
+        valid = np.ones((ROWS, COLUMNS), bool)
+        valid[list(rows)] = False
+        intensity = np.random.default_rng(seed).uniform(0.1, 0.6, (ROWS, COLUMNS)).astype("f4")
+        return measures(PolarImage(np.where(valid, 20, 0).astype("f4"), intensity * valid, valid))
+
+    before = np.array([full(k) for k in range(8)])
+    today = np.array([full(8 + k, *dead) for k in range(8)])
+    found = changes(before, today, measure_names(GRID))
+    rows = {(one.what, one.channel): one.value for one in found if one.what != "all"}
+    assert rows == {(f"row {row}", "returns"): -1.0 for row in dead}
+    # The dead rows come first: they are stronger than what they do to the whole frame.
+    assert [one.what for one in found[: len(dead)]] == [f"row {row}" for row in dead]

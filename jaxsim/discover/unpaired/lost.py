@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.stats import binomtest
 
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import chance_of, difference_interval
+from jaxsim.discover.scenes import attainable, chance_of, difference_interval
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.discover.verdict import Interval, Named
 from jaxsim.effects import EFFECTS
@@ -51,14 +52,22 @@ class _Side:
         return np.asarray(self.lost.all(axis=1))
 
     def share(self, rows: Bool[np.ndarray, " r"], columns: Bool[np.ndarray, " c"]) -> Float[np.ndarray, " f"]:
-        """The share that is lost of the rays on smooth surfaces in these rows and columns."""
-        counts = self.smooth[:, rows] & columns
+        """The share that is lost of the rays on smooth surfaces in these rows and columns; NaN where there are none."""
         # Of rays that must have hit something: their neighbours did, on one surface.
-        return (self.lost[:, rows] & counts).sum((1, 2)) / np.maximum(counts.sum((1, 2)), 1)
+        asked = self.smooth[:, rows] & columns
+        count = asked.sum((1, 2))
+        return np.where(count > 0, (self.lost[:, rows] & asked).sum((1, 2)) / np.maximum(count, 1), np.nan)
 
     def by_scene(self, of_frames: Float[np.ndarray, " f"]) -> Float[np.ndarray, " s"]:
-        """Means over each scene's frames."""
-        return np.array([of_frames[self.scene == scene].mean() for scene in np.unique(self.scene)])
+        """Means over each scene's frames that have a value; scenes without one are left out."""
+        known = np.isfinite(of_frames)
+        return np.array([of_frames[known & (self.scene == scene)].mean() for scene in np.unique(self.scene[known])])
+
+    def mean_share(self, rows: Bool[np.ndarray, " r"], columns: Bool[np.ndarray, " c"]) -> float:
+        """The mean share over frames; NaN where nothing can be lost, as behind a bracket."""
+        shares = self.share(rows, columns)
+        known = np.isfinite(shares)
+        return float(shares[known].mean()) if known.any() else float("nan")
 
 
 def lost_rays(
@@ -73,37 +82,55 @@ def lost_rays(
     mostly = RULES.unpaired_hidden_share
     # A sector is empty in most measured frames and in few simulated ones: the sky above is empty in both.
     hidden = (measured.empty.mean(0) > mostly) & (simulated.empty.mean(0) < 1 - mostly)
-    effects = []
-    if hidden.any():
-        scenes = int(find[comparison.measured].sum())
-        effects.append(_sector(comparison.grid, hidden, scenes=scenes))
+    effects, notes = _sector(comparison.grid, hidden, measured=measured, simulated=simulated)
     effects += _packets(measured, simulated, ~hidden)
     # Rows that look at the sky lose rays to the street: their losses say nothing of the sensor.
     rows = simulated.lost.mean((0, 2)) < 1 - RULES.unpaired_sure_hits
     if rows.sum() < RULES.unpaired_fewest_rows:
         note = "in no three rows do simulated rays nearly always hit something: losses of single rays are not compared"
-        return tuple(effects), (note,)
-    single, notes = _single_rays(measured, simulated, rows, columns=~hidden)
-    return (*effects, *single), tuple(notes)
+        return tuple(effects), (*notes, note)
+    single, of_single = _single_rays(measured, simulated, rows, columns=~hidden)
+    return (*effects, *single), (*notes, *of_single)
 
 
-def _sector(grid: PolarGrid, hidden: Bool[np.ndarray, " c"], *, scenes: int) -> Named:
-    """The longest run of hidden columns, known to a column's width; each scene shows it."""
+def _sector(
+    grid: PolarGrid, hidden: Bool[np.ndarray, " c"], *, measured: _Side, simulated: _Side
+) -> tuple[list[Named], list[str]]:
+    """The hidden columns as a sector, if so many measured scenes show it as chance does not, else a note; neither where
+    none is hidden."""
+    if not hidden.any():
+        return [], []
+    columns = _run(grid, hidden)
+    shows = measured.by_scene(measured.empty[:, columns].mean(1)) > RULES.unpaired_hidden_share
+    # A sign test: by chance a scene is as likely to show it as not to.
+    p = float(binomtest(int(shows.sum()), len(shows), alternative="greater").pvalue)
+    if p > attainable(RULES.unpaired_level, len(shows)):
+        return [], [
+            f"{len(columns)} columns without returns in {shows.sum()} of {len(shows)} measured scenes: too few of them "
+            "for a sector_occlusion; losses are compared in the other columns"
+        ]
+    costs = [side.by_scene((side.empty & hidden).mean(1)) for side in (measured, simulated)]
+    gain = Interval(float(costs[0].mean() - costs[1].mean()), *difference_interval(*costs), "share of rays")
+    return [_named("sector_occlusion", p, gain, parameters=_borders(grid, columns))], []
+
+
+def _run(grid: PolarGrid, hidden: Bool[np.ndarray, " c"]) -> Int[np.ndarray, " k"]:
+    """Numbers of the columns of the longest run of hidden ones, in its order."""
+    # Single empty columns beside it may be chance; one thing before the sensor hides neighbours.
+    return longest_run(hidden, closed=bool(spans_turn(grid))) % len(hidden)
+
+
+def _borders(grid: PolarGrid, columns: Int[np.ndarray, " k"]) -> dict[str, Interval]:
+    """The place of neighbouring columns, known to a column's width."""
     azimuth_rad = np.asarray(grid.azimuth_rad, float)
     step = float(np.abs(np.diff(azimuth_rad)).mean())
-    # Single empty columns beside it may be chance; one thing before the sensor hides neighbours.
-    run = longest_run(hidden, closed=bool(spans_turn(grid)))
-    middle = within_turn(float(np.unwrap(azimuth_rad[run % len(hidden)]).mean()))
-    width = len(run) * step
-    share = float(hidden.mean())
+    middle = within_turn(float(np.unwrap(azimuth_rad[columns]).mean()))
+    width = len(columns) * step
     parameters = {
         "azimuth_rad": Interval(middle, middle - step / 2, middle + step / 2, ""),
         "width_rad": Interval(width, width - step, width + step, ""),
     }
-    parameters = {name: _bounded(value, "sector_occlusion", name) for name, value in parameters.items()}
-    gain = Interval(share, share, share, "share of rays")
-    # Every scene shows it, so that only their number says how sure it is: signs that all agree.
-    return _named("sector_occlusion", 2.0**-scenes, gain, parameters=parameters)
+    return {name: _bounded(value, "sector_occlusion", name) for name, value in parameters.items()}
 
 
 def _packets(measured: _Side, simulated: _Side, columns: Bool[np.ndarray, " c"]) -> list[Named]:
@@ -126,15 +153,17 @@ def _single_rays(
     column_numbers = np.arange(len(columns))
     parts = {
         "row": [
-            float(np.mean(measured.share(np.isin(row_numbers, part), columns)))
+            measured.mean_share(np.isin(row_numbers, part), columns)
             for part in np.array_split(np.flatnonzero(rows), RULES.unpaired_parts[0])
         ],
         "azimuth": [
-            float(np.mean(measured.share(rows, columns & np.isin(column_numbers, part))))
+            measured.mean_share(rows, columns & np.isin(column_numbers, part))
             for part in np.array_split(column_numbers, RULES.unpaired_parts[1])
         ],
     }
-    uneven = {name: shares for name, shares in parts.items() if max(shares) > RULES.unpaired_uneven * min(shares)}
+    # Parts that a sector hides say nothing of single rays.
+    known = {name: [share for share in shares if np.isfinite(share)] for name, shares in parts.items()}
+    uneven = {name: shares for name, shares in known.items() if max(shares) > RULES.unpaired_uneven * min(shares)}
     if not uneven:
         # Of what is lost, between none and what is usual is lost anyway.
         beyond = replace(share, value=share.value - usual / 2, low=share.low - usual)
@@ -151,7 +180,10 @@ def _single_rays(
 
 
 def _compared(measured: Float[np.ndarray, " s"], simulated: Float[np.ndarray, " t"]) -> tuple[float, Interval]:
-    """Chance that scenes exchanged at random differ as much, and by how much the measured ones lose more."""
+    """Chance that scenes exchanged at random differ as much, and by how much the measured ones lose more; 1 and NaN of
+    fewer than two scenes a side."""
+    if min(len(measured), len(simulated)) < 2:
+        return 1.0, Interval(float("nan"), float("nan"), float("nan"), "share of rays")
     rng = np.random.default_rng(0)
     # Where nothing differs any scene could have come from either side.
     both = np.concatenate([measured, simulated])

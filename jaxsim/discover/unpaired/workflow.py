@@ -37,6 +37,7 @@ from jaxsim.discover.unpaired.select import (
     UnpairedCandidate,
     UnpairedChoice,
     choose_unpaired,
+    held_out_losses,
     outside_catalogue,
     rank_terms,
 )
@@ -206,11 +207,11 @@ def named_by_law(
 
 
 def curve_covariates(problem: Conditional, curves: Sequence[UnpairedCandidate]) -> tuple[Where, ...]:
-    """The covariates along which free curves gain."""
-    # Halves of squares are nats: a gain takes twice itself off the sum of squares.
-    squares = 2 * problem.equations.square[problem.find].sum()
+    """The covariates along which free curves gain, each with its share of the squares of held-out residuals."""
+    # Both are halves of squares, of which a share is that of the squares themselves.
+    before = held_out_losses(problem, problem.nuisance).sum()
     return tuple(
-        Where("intensity", one.name, one.chance, float(max(2 * one.total / squares, 0.0)))
+        Where("intensity", one.name, one.chance, float(max(one.by_scene.sum() / before, 0.0)))
         for one in curves
         if one.chance <= RULES.unpaired_agreement_level and one.total > 0
     )
