@@ -150,6 +150,11 @@ class Verdict:
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
     @property
+    def changed(self) -> bool:
+        """Whether the gap has anything in place on its second side: effects, confirmed or not, or a learned law."""
+        return bool(self.effects or self.learned or self.unconfirmed)
+
+    @property
     def not_testable(self) -> tuple[Sensitivity, ...]:
         """What the find scenes could not show at the size that was asked, and did not show at another."""
         named = {one.name for one in self.effects}
