@@ -21,7 +21,6 @@ from jaxsim.discover.verdict.parts import (
     Gained,
     Gap,
     Interval,
-    Judged,
     JudgeFrame,
     Level,
     Named,
@@ -183,6 +182,18 @@ class Verdict:
     def save(self, folder: Path) -> Path:
         """Writes verdict.json."""
         return write_text(Path(folder) / "verdict.json", json.dumps(self.to_json(), indent=1))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Gaps by channel, the closure, and what a report draws (`Result` says what maps and curves hold)."""
+
+    gap: dict[str, Gap]
+    closure: Interval | None
+    maps_before: dict[str, Float[np.ndarray, "r c"]]
+    maps_after: dict[str, Float[np.ndarray, "r c"]]
+    curves: tuple[CurveLine, ...]
+    frames: tuple[JudgeFrame, ...] = ()
 
 
 @dataclass(frozen=True)
