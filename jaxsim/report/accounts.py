@@ -149,7 +149,6 @@ def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Marku
     name, *others = law.covariates
     if others or law.kind == "wave":
         return paragraph(words)
-    # Finer looks at a covariate have no axis of their own.
     axis = AXES.get(name, Axis(name))
     chart = curve_chart(
         axis.shown(np.array(law.knots).ravel()),

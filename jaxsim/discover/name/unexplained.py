@@ -120,6 +120,7 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
         y=tuple(map(float, y)),
         band=tuple(map(float, band)),
         adds=dependence.adds,
+        along=dependence.covariate if name != dependence.covariate else "",
     )
 
 

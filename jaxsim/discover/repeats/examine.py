@@ -137,7 +137,9 @@ def _unexplained(one: LearnedRepeat) -> Unexplained:
     covariate = " x ".join(name for name in ("row", "column") if name in names)
     told = Unexplained(repeat.channel, covariate, character, repeat.formula)
     if law.kind == "table" and len(law.knots) == 1:
-        return replace(told, x=law.knots[0], y=law.values, band=tuple(_reach(one) * sd for sd in law.sd))
+        along = law.covariates[0] if law.covariates[0] != covariate else ""
+        band = tuple(_reach(one) * sd for sd in law.sd)
+        return replace(told, x=law.knots[0], y=law.values, band=band, along=along)
     return told
 
 
