@@ -177,30 +177,36 @@ def gap(verdict: Verdict) -> Markup:
     """Errors by channel before and after, what the likelihood gains, beside floor and placebo, and the closure."""
     if not verdict.gap:
         return EMPTY
-    added = verdict.changed
+    added, rival = verdict.changed, _has_rival(verdict)
     rows = [
         [
             below(of_channel(name, name), g.unit),
             number(g.before),
             *([number(g.after), _change(g), percent(g.win_rate)] if added else []),
             number(g.floor),
-            *([number(g.placebo)] if added else []),
+            *([number(g.placebo)] if rival else []),
         ]
         for name, g in verdict.gap.items()
     ]
     columns = ["after", "before − after, 90 %", "scenes better"] if added else []
-    head = ["channel", "before", *columns, "floor", *(["placebo"] if added else [])]
+    head = ["channel", "before", *columns, "floor", *(["placebo"] if rival else [])]
     words = (
         "Mean errors of the simulation on scenes that nothing was fitted to; a scene counts once. "
         "Floor: what a free additive model reaches with the same data."
     )
+    if rival:
+        words += " Placebo: with the runner-up added instead, fitted in the same way."
     if added:
         words += (
-            " Placebo: with the runner-up added instead, fitted in the same way. Intervals: Student's t over scenes, "
-            f"each held against itself. Not worse: at 95 %, the error grew by less than "
-            f"{percent(RULES.not_worse_share)}."
+            " Intervals: Student's t over scenes, each held against itself. Not worse: at 95 %, the error grew by "
+            f"less than {percent(RULES.not_worse_share)}."
         )
     return section("The gap on judge scenes", paragraph(words) + table(head, rows, text=1) + _gained(verdict))
+
+
+def _has_rival(verdict: Verdict) -> bool:
+    """Whether a runner-up was fitted as a placebo: it takes the place of an effect, and a law alone has none."""
+    return bool(verdict.effects or verdict.unconfirmed)
 
 
 def _gained(verdict: Verdict) -> Markup:
@@ -209,6 +215,7 @@ def _gained(verdict: Verdict) -> Markup:
     if not sides or not verdict.changed:
         return EMPTY
     bar = verdict.ranking[0].bar if verdict.ranking else 0.0
+    rival = _has_rival(verdict)
     rows = [
         [
             name,
@@ -216,7 +223,7 @@ def _gained(verdict: Verdict) -> Markup:
             below(f"{number(g.low)} to {number(g.high)}", _gain(g, bar)),
             percent(g.win_rate),
             number(g.floor),
-            number(g.placebo),
+            *([number(g.placebo)] if rival else []),
         ]
         for name, g in sides.items()
     ]
@@ -225,7 +232,7 @@ def _gained(verdict: Verdict) -> Markup:
         "effects are named by, here on scenes that nothing was fitted to. It also counts scatter, lattices and rare "
         "readings, which a mean error does not see."
     )
-    head = ["channel", "gained", "90 %", "scenes better", "floor", "placebo"]
+    head = ["channel", "gained", "90 %", "scenes better", "floor", *(["placebo"] if rival else [])]
     told = paragraph(words) + table(head, rows, text=1)
     if verdict.closure:
         c = verdict.closure

@@ -77,6 +77,8 @@ def test_what_a_law_or_an_unconfirmed_effect_does_is_shown_as_that_of_a_named_on
     lone = replace(result.verdict, verdict="not_in_catalogue", effects=())
     text = page(tmp_path, replace(result, verdict=replace(lone, **found)))
     assert [words for words in told if words not in text] == []
+    # A law takes no effect's place, so that no runner-up was put there instead.
+    assert (">placebo</th>" in text) == ("unconfirmed" in found)
     assert not lone.changed
     text = page(tmp_path, replace(result, verdict=lone))
     assert [words for words in told if words in text] == []
