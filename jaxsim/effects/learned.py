@@ -43,6 +43,7 @@ CHANGE: dict[str, Callable[[Rays, Array], Rays]] = {
 }
 TABLES = ("row", "column", "class", "even rows", "even columns")
 TURNING = ("azimuth", "heading", "hue angle")
+"""Covariates that come back to where they began."""
 NEEDS = {
     **dict.fromkeys(("speed", "speed x time"), "speed"),
     **dict.fromkeys(("rgb", "hue", "hue angle"), "rgb"),

@@ -149,7 +149,6 @@ def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Marku
     name, *others = law.covariates
     if others or law.kind == "wave":
         return paragraph(words)
-    # Finer looks at a covariate have no axis of their own.
     axis = AXES.get(name, Axis(name))
     chart = curve_chart(
         axis.shown(np.array(law.knots).ravel()),
@@ -251,7 +250,7 @@ def _scene(frame: JudgeFrame, result: Result) -> TurnedScene:
     picks |= {f"curve {k}": group for k, group in enumerate(frame.groups)}
     picks |= picks_of(result.verdict.regimes, frame, columns=len(result.grid.azimuth_rad))
     before = Side("before", places(frame, result.grid), frame.before, picks)
-    if not result.verdict.effects and not result.verdict.learned:
+    if not result.verdict.changed:
         return TurnedScene(title(frame), (before,))
     return TurnedScene(title(frame), (before, Side("after", None, frame.after)))
 
@@ -269,7 +268,7 @@ def places(frame: JudgeFrame, grid: PolarGrid) -> np.ndarray:
 def _table(result: Result) -> Markup:
     """Root mean square residuals of each frame, for who cannot see the cloud."""
     heads = ["frame", "rays"]
-    changed = bool(result.verdict.effects or result.verdict.learned)
+    changed = result.verdict.changed
     for name, sides in SIGN_WORDS.items():
         heads.append(sides.unit if sides.unit.startswith(name) else f"{name}, {sides.unit}")
     rows = []

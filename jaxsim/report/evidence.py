@@ -65,7 +65,7 @@ def maps(result: Result, draw: DrawChart) -> Markup:
         before, after = result.maps_before.get(channel), result.maps_after.get(channel)
         if before is None or after is None:
             continue
-        shown = [("before", before), ("after", after)] if result.verdict.effects else [("residual", before)]
+        shown = [("before", before), ("after", after)] if result.verdict.changed else [("residual", before)]
         sizes = " → ".join(number(root_mean_square(values)) for _, values in shown)
         parts.append(
             draw(
@@ -177,38 +177,45 @@ def gap(verdict: Verdict) -> Markup:
     """Errors by channel before and after, what the likelihood gains, beside floor and placebo, and the closure."""
     if not verdict.gap:
         return EMPTY
-    added = bool(verdict.effects)
+    added, rival = verdict.changed, _has_rival(verdict)
     rows = [
         [
             below(of_channel(name, name), g.unit),
             number(g.before),
             *([number(g.after), _change(g), percent(g.win_rate)] if added else []),
             number(g.floor),
-            *([number(g.placebo)] if added else []),
+            *([number(g.placebo)] if rival else []),
         ]
         for name, g in verdict.gap.items()
     ]
     columns = ["after", "before − after, 90 %", "scenes better"] if added else []
-    head = ["channel", "before", *columns, "floor", *(["placebo"] if added else [])]
+    head = ["channel", "before", *columns, "floor", *(["placebo"] if rival else [])]
     words = (
         "Mean errors of the simulation on scenes that nothing was fitted to; a scene counts once. "
         "Floor: what a free additive model reaches with the same data."
     )
+    if rival:
+        words += " Placebo: with the runner-up added instead, fitted in the same way."
     if added:
         words += (
-            " Placebo: with the runner-up added instead, fitted in the same way. Intervals: Student's t over scenes, "
-            f"each held against itself. Not worse: at 95 %, the error grew by less than "
-            f"{percent(RULES.not_worse_share)}."
+            " Intervals: Student's t over scenes, each held against itself. Not worse: at 95 %, the error grew by "
+            f"less than {percent(RULES.not_worse_share)}."
         )
     return section("The gap on judge scenes", paragraph(words) + table(head, rows, text=1) + _gained(verdict))
+
+
+def _has_rival(verdict: Verdict) -> bool:
+    """Whether a runner-up was fitted as a placebo: it takes the place of an effect, and a law alone has none."""
+    return bool(verdict.effects or verdict.unconfirmed)
 
 
 def _gained(verdict: Verdict) -> Markup:
     """What the likelihood of judge scenes gains by channel, and the closure."""
     sides = {name: g.gained for name, g in verdict.gap.items() if g.gained}
-    if not sides or not verdict.effects:
+    if not sides or not verdict.changed:
         return EMPTY
     bar = verdict.ranking[0].bar if verdict.ranking else 0.0
+    rival = _has_rival(verdict)
     rows = [
         [
             name,
@@ -216,21 +223,21 @@ def _gained(verdict: Verdict) -> Markup:
             below(f"{number(g.low)} to {number(g.high)}", _gain(g, bar)),
             percent(g.win_rate),
             number(g.floor),
-            number(g.placebo),
+            *([number(g.placebo)] if rival else []),
         ]
         for name, g in sides.items()
     ]
     words = (
-        "Log-likelihood that the same scenes gain with the effects, nats per scene: the measure that effects are named "
-        "by, here on scenes that nothing was fitted to. It also counts scatter, lattices and rare readings, which a "
-        "mean error does not see."
+        "Log-likelihood that the same scenes gain with all in place that was found, nats per scene: the measure that "
+        "effects are named by, here on scenes that nothing was fitted to. It also counts scatter, lattices and rare "
+        "readings, which a mean error does not see."
     )
-    head = ["channel", "gained", "90 %", "scenes better", "floor", "placebo"]
+    head = ["channel", "gained", "90 %", "scenes better", "floor", *(["placebo"] if rival else [])]
     told = paragraph(words) + table(head, rows, text=1)
     if verdict.closure:
         c = verdict.closure
         told += paragraph(
-            f"Closure, gained / gained by the floor over the channels that the named effects change: "
+            f"Closure, gained / gained by the floor over the channels that what was found changes: "
             f"{percent(c.value)} (90 % interval {percent(c.low)} to {percent(c.high)})."
         )
     return told
@@ -255,7 +262,7 @@ def _change(gap: Gap) -> str:
 
 def moved(verdict: Verdict) -> Markup:
     """Nuisances without the effects and with them."""
-    if not verdict.moved or not verdict.effects:
+    if not verdict.moved or not verdict.changed:
         return EMPTY
     rows = [
         [nuisance_title(name), nuisance(name, before), nuisance(name, after)]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from jaxsim.discover.covariates import CATEGORICAL
+from jaxsim.discover.covariates import ALTERNATING, CATEGORICAL
 from jaxsim.discover.verdict import Interval, Named, Rank, Repeat, Unexplained
 from jaxsim.effects import EFFECTS, Effect, Parameter
 from jaxsim.report.canvas import BEFORE
@@ -191,7 +191,8 @@ def unexplained(one: Unexplained | None, draw: DrawChart, *, missing: bool = Fal
     if one is None:
         none = "No further dependence was found: free curves along the covariates that matter most gain too little."
         return section(title, paragraph(none))
-    axis = AXES.get(one.covariate, Axis(one.covariate))
+    along = one.along or one.covariate
+    axis = AXES.get(along, Axis(along))
     meaning = f"; x is {axis.x or axis.label}"
     words = paragraph(f"A {dependence(one)} that no effect of the catalogue accounts for.")
     words += Markup("<p>{}{}</p>").format(code(one.formula), meaning)
@@ -206,9 +207,9 @@ def unexplained(one: Unexplained | None, draw: DrawChart, *, missing: bool = Fal
         band,
         x_label=axis.label,
         y_label=unit,
-        joined=one.covariate != "class",
-        whole=one.covariate in CATEGORICAL,
+        joined=along not in ("class", *ALTERNATING),
+        whole=along in CATEGORICAL,
     )
     name = file_name("unexplained", one.channel, one.covariate)
-    caption = f"A free curve of {one.channel} along {one.covariate}, with its 90 % band."
+    caption = f"A free curve of {one.channel} along {along}, with its 90 % band."
     return section(title, words + draw(name, chart, caption))

@@ -92,7 +92,7 @@ def title(frame: JudgeFrame) -> str:
 
 def _timed(one: Regime) -> bool:
     """Whether a strip runs along time, and not over azimuth or over scenes by number."""
-    return one.divides != "azimuth" and one.x != tuple(range(len(one.x)))
+    return one.divides != "azimuth" and not one.counted
 
 
 def strip_chart(one: Regime, *, ordinal: int = 0, frames: Sequence[JudgeFrame] = ()) -> Canvas | None:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.data.cityscapes import NAMES
+from jaxsim.discover.covariates import HUE_ANGLE
 from jaxsim.discover.verdict import Interval, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.report.numbers import Real, number, percent
@@ -52,19 +53,25 @@ AXES = {
     "range": Axis("range, m", np.exp, "the natural logarithm of the range in m"),
     "incidence": Axis("incidence angle, °", np.rad2deg, "the incidence angle in rad"),
     "row": Axis("row (0 = top beam)"),
+    "even rows": Axis("0 on even rows, 1 on odd ones"),
     "column": Axis("column (0 = leftmost)"),
+    "even columns": Axis("0 on even columns, 1 on odd ones"),
     "azimuth": Axis("azimuth, ° (grows to the left)", np.rad2deg, "the azimuth in rad"),
     "class": Axis("Cityscapes id"),
     "power": Axis("simulated ln P, nats"),
     "intensity": Axis("simulated ln I, nats"),
-    "step": Axis("depth step to the side, ln(1 + |step| / 0.3 m) with its sign"),
+    "step": Axis("depth step to the side, ln(1 + |step| / 0.3 m)"),
+    "step side": Axis("depth step to the side, ln(1 + |step| / 0.3 m), above 0 to the right"),
     "time": Axis("place within the scan, 0..1"),
+    "speed x time": Axis("speed times place within the scan, less half, times the cosine of the azimuth, m/s"),
     "frame": Axis("time since the first frame, s"),
     "speed": Axis("speed, m/s"),
     "heading": Axis("direction in the world, °", np.rad2deg, "the direction in the world in rad"),
     "rgb": Axis("brightness of the camera pixel, 0..1"),
+    "hue": Axis("red less blue of the camera pixel, −1..1"),
+    HUE_ANGLE: Axis("hue angle of the camera pixel, °", np.rad2deg, "the hue angle of the camera pixel in rad"),
 }
-"""Names of the covariates of jaxsim.discover.covariates."""
+"""Names of the covariates of rays (jaxsim.effects.rays), finer looks at others among them."""
 
 NUISANCES = {
     "intensity": ("spread of ln I that nothing explains", "nats"),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.verdict import Fidelity, Interval
+from jaxsim.effects.learned import Learned
 from jaxsim.report.evidence import objects
 from tests.report import results
 from tests.report.results import page
@@ -64,6 +65,23 @@ def test_the_page_says_what_the_likelihood_of_judge_scenes_gains(tmp_path: Path,
     text = page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
     assert f"<small>{word}</small>" in text
     assert "nats per scene" in text
+
+
+LAW = Learned("intensity", "curve", ("azimuth",), ((0.0, 1.0),), (0.0, 0.1), (0.01, 0.01))
+
+
+@pytest.mark.parametrize("found", [{"learned": (LAW,)}, {"unconfirmed": results.named().verdict.effects}])
+def test_what_a_law_or_an_unconfirmed_effect_does_is_shown_as_that_of_a_named_one(tmp_path: Path, found: dict):
+    result = results.with_frames()
+    told = ("before − after, 90 %", "<small>gains</small>", "Closure, gained", "→", "What moved when", "before → after")
+    lone = replace(result.verdict, verdict="not_in_catalogue", effects=())
+    text = page(tmp_path, replace(result, verdict=replace(lone, **found)))
+    assert [words for words in told if words not in text] == []
+    # A law takes no effect's place, so that no runner-up was put there instead.
+    assert (">placebo</th>" in text) == ("unconfirmed" in found)
+    assert not lone.changed
+    text = page(tmp_path, replace(result, verdict=lone))
+    assert [words for words in told if words in text] == []
 
 
 def test_a_sure_but_tiny_change_is_no_change(tmp_path: Path):

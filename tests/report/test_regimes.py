@@ -98,11 +98,19 @@ def test_a_sector_lights_the_rays_that_lie_in_it():
 
 
 def test_where_frames_say_no_time_scenes_are_counted_and_no_moment_is_shown():
-    one = replace(regime(Region(scenes=("a", "b")), "scene"), x=(0.0, 1.0, 2.0, 3.0))
+    one = replace(regime(Region(scenes=("a", "b")), "scene"), x=(0.0, 1.0, 2.0, 3.0), counted=True)
     drawn = strip_chart(one, frames=results.with_frames().frames)
     assert not targets(drawn)
     assert drawn is not None
     assert "number of the scene" in texts(drawn)
+
+
+def test_moments_a_second_apart_are_no_numbers_of_scenes():
+    one = replace(regime(Region(time_s=(1.5, None))), x=(0.0, 1.0, 2.0, 3.0))
+    drawn = strip_chart(one, frames=results.with_frames().frames)
+    assert len(targets(drawn)) == 2
+    assert drawn is not None
+    assert "time since the first frame, s" in texts(drawn)
 
 
 def test_nothing_that_tells_a_size_is_no_chart():

@@ -31,7 +31,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import attainable, fold_half_width
 from jaxsim.discover.verdict import Unexplained
 from jaxsim.effects.effect import CHANNELS
-from jaxsim.effects.learned import OFFSET
+from jaxsim.effects.learned import OFFSET, TURNING
 from jaxsim.effects.rays import TURN
 
 X_WORDS = {
@@ -120,6 +120,7 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
         y=tuple(map(float, y)),
         band=tuple(map(float, band)),
         adds=dependence.adds,
+        along=dependence.covariate if name != dependence.covariate else "",
     )
 
 
@@ -140,8 +141,6 @@ OUTER = 0.005
 """Share of the rays at each end that do not count where waves are."""
 WHOLE = 0.9
 """Share of a turn from which on a curve over angles closes."""
-ANGLES = ("azimuth", "heading", "hue angle")
-"""Covariates that come back to where they began."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +173,7 @@ def shape_of(
         # Every number that shaped the formula makes what it leaves count for more.
         return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
 
-    closed = dependence.covariate in ANGLES and float(x[-1] - x[0]) > WHOLE * TURN
+    closed = dependence.covariate in TURNING and float(x[-1] - x[0]) > WHOLE * TURN
     turns = CYCLES_OF_TURN if closed else CYCLES * TURN / (span or float(x[-1] - x[0]) or 1.0)
     shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight, turns=turns)]
     best = min(shapes, key=unexplained)

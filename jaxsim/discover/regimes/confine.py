@@ -13,7 +13,7 @@ from jaxsim.discover.model.cast import cast
 from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
 from jaxsim.discover.model.likelihood import log_likelihood
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import reweighted
+from jaxsim.discover.model.null import on_evidence
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, much_richer, worse
@@ -130,8 +130,8 @@ class JudgeScenes:
         """All find and judge scenes of a division."""
         ev, scene = division.all_evidence(known)
         fitted = (scene < len(division.parts.find)).astype(np.float32)
-        base = Problem(division.scan, ev, null.equations, null.noise, null.clutter)
-        return cls(reweighted(base, fitted), scene, fitted, division.blocks.frame, (division, null, known))
+        base = on_evidence(division.scan, ev, null, effects=[], noise=null.noise, fitted=fitted)
+        return cls(base, scene, fitted, division.blocks.frame, (division, null, known))
 
     def halves(self) -> tuple[JudgeScenes, JudgeScenes]:
         """The same with every second column alone: even ones, and odd ones."""

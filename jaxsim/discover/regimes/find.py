@@ -71,6 +71,7 @@ def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts)
     whole = cells_of(one.plain, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
     columns = np.asarray(one.region.in_sector(azimuth))
+    counted = False
     if divides == "azimuth":
         x = azimuth[[(2 * k + 1) * len(azimuth) // (2 * facts.sectors) for k in range(facts.sectors)]]
         size = _size_at(whole.slope.sum(0), whole.curvature.sum(0))
@@ -81,7 +82,8 @@ def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts)
         size = _size_at(np.bincount(group, whole.slope.sum(1)), np.bincount(group, whole.curvature.sum(1)))
         first = np.unique(group, return_index=True)[1]
         time_s = np.asarray(facts.scan.time_s, float)[facts.frame[first]]
-        x = time_s if len(np.unique(time_s)) == len(first) else np.arange(len(first), dtype=float)
+        counted = len(np.unique(time_s)) < len(first)
+        x = np.arange(len(first), dtype=float) if counted else time_s
         inside = one.frames[facts.frame[first]]
     return Regime(
         effect=one.plain.plain_name,
@@ -93,6 +95,7 @@ def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts)
         x=tuple(map(float, x)),
         sizes=tuple(map(float, size)),
         held=tuple(map(bool, inside)),
+        counted=counted,
     )
 
 

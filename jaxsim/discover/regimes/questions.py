@@ -201,7 +201,10 @@ def _azimuth(facts: Facts) -> Question | None:
     inside: list[Bool[np.ndarray, " a"]] = []
     for length in range(few, many + 1):
         for first in range(count if turns else count - length + 1):
-            regions.append(arc(facts.scan, first * columns // count, length * columns // count))
+            # A sector begins at the first column that `sectors_of` gives to it: rounded up.
+            begin = -(-first * columns // count)
+            end = -(-(first + length) * columns // count)
+            regions.append(arc(facts.scan, begin, end - begin))
             inside.append((column - first) % count < length)
     # A single drive is cut into scenes by azimuth: a sector is one, and none can be held against itself.
     if not regions or np.ptp(facts.sector, axis=1).min() < count / 2:

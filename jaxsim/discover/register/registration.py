@@ -13,6 +13,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from jaxsim.discover.rules import RULES
+from jaxsim.effects.catalogue.motion_distortion import SCAN_S
+from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import Scan
 
 POINTS = 60_000
@@ -35,8 +37,6 @@ MOTION_PARTS = {
     "beam_elevation_error": slice(6, 7),
 }
 """Parts of a motion: what each effect of a mounting, or of the table of beams, changes."""
-SCAN_S = 0.1
-"""Time of a turn at 10 Hz, as `motion_distortion` has it."""
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,11 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
     frame = np.arange(len(cell))[:, None]
     a = azimuth[column]
     e = elevation[row]
-    # An image closes where one more column would stand on the first.
-    step = abs(azimuth[1] - azimuth[0])
     return RegisteredSides(
         azimuth_rad=azimuth,
         elevation_rad=elevation,
         origin_m=np.asarray(grid.origin_m, float),
-        full=bool(abs(azimuth[0] - azimuth[-1]) + step > 2 * np.pi - step / 2),
+        full=bool(spans_turn(grid)),
         planes_m=np.where(scan.hit, scan.range_m, 0).astype(float),
         slopes=np.asarray(scan.slopes, float),
         row=row,

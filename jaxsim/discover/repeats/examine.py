@@ -17,8 +17,7 @@ from jaxsim.discover.model.cast import blocks, cast
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Chain, Problem, in_place
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import first_residuals, refitted
-from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
+from jaxsim.discover.model.null import on_evidence, refitted
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.read import NOTHING_YET, Division
@@ -57,12 +56,7 @@ class Dense:
     def maps(self, effects: Chain, noise: Noise) -> dict[str, Maps]:
         """What is left with `effects` in place, which leave `noise`."""
         fitted = self.finding[self.scene].astype(np.float32)
-        bare = Problem(self.division.scan, self.ev, self.null.equations, noise, self.null.clutter)
-        problem = in_place(bare, effects, simulated=True)
-        first = normal_equations(problem.ev, noise, first_residuals(problem.ev))
-        # Student-t weights follow from residuals, which the effects in place have made smaller.
-        off = conditional_residuals(problem.ev, first, fitted)
-        problem = replace(problem, equations=normal_equations(problem.ev, noise, off))
+        problem = on_evidence(self.division.scan, self.ev, self.null, effects=effects, noise=noise, fitted=fitted)
         return maps_of(problem, fitted, self.scene, columns=self.division.scan.range_m.shape[2])
 
     def learn(self, patterns: Sequence[FoundPattern], effects: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
@@ -137,7 +131,9 @@ def _unexplained(one: LearnedRepeat) -> Unexplained:
     covariate = " x ".join(name for name in ("row", "column") if name in names)
     told = Unexplained(repeat.channel, covariate, character, repeat.formula)
     if law.kind == "table" and len(law.knots) == 1:
-        return replace(told, x=law.knots[0], y=law.values, band=tuple(_reach(one) * sd for sd in law.sd))
+        along = law.covariates[0] if law.covariates[0] != covariate else ""
+        band = tuple(_reach(one) * sd for sd in law.sd)
+        return replace(told, x=law.knots[0], y=law.values, band=band, along=along)
     return told
 
 

@@ -21,7 +21,6 @@ from jaxsim.discover.verdict.parts import (
     Gained,
     Gap,
     Interval,
-    Judged,
     JudgeFrame,
     Level,
     Named,
@@ -150,6 +149,11 @@ class Verdict:
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
     @property
+    def changed(self) -> bool:
+        """Whether the gap has anything in place on its second side: effects, confirmed or not, or a learned law."""
+        return bool(self.effects or self.learned or self.unconfirmed)
+
+    @property
     def not_testable(self) -> tuple[Sensitivity, ...]:
         """What the find scenes could not show at the size that was asked, and did not show at another."""
         named = {one.name for one in self.effects}
@@ -178,6 +182,18 @@ class Verdict:
     def save(self, folder: Path) -> Path:
         """Writes verdict.json."""
         return write_text(Path(folder) / "verdict.json", json.dumps(self.to_json(), indent=1))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Gaps by channel, the closure, and what a report draws (`Result` says what maps and curves hold)."""
+
+    gap: dict[str, Gap]
+    closure: Interval | None
+    maps_before: dict[str, Float[np.ndarray, "r c"]]
+    maps_after: dict[str, Float[np.ndarray, "r c"]]
+    curves: tuple[CurveLine, ...]
+    frames: tuple[JudgeFrame, ...] = ()
 
 
 @dataclass(frozen=True)

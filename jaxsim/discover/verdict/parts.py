@@ -229,10 +229,12 @@ class Regime:
     applied: bool
     """Whether simulated frames say where it acts."""
     x: tuple[float, ...] = ()
-    """Places along what divides: s, rad, or numbers of scenes; and the size of the effect, were it fitted everywhere,
-    at each, NaN where nothing tells it; and whether it lies inside."""
+    """Places along what divides: s, rad, or, where `counted`, numbers of scenes; and the size of the effect, were it
+    fitted everywhere, at each, NaN where nothing tells it; and whether it lies inside."""
     sizes: tuple[float, ...] = ()
     held: tuple[bool, ...] = ()
+    counted: bool = False
+    """Whether frames say no moment of their own, so that `x` counts scenes."""
 
 
 @dataclass(frozen=True)
@@ -250,6 +252,8 @@ class Unexplained:
     """Half width of the 90 % band of `y`."""
     adds: bool = False
     """Of intensity: `y` is added, in its own unit; else it is a change of ln I."""
+    along: str = ""
+    """What `x` is, where that is a finer look at the covariate (`covariates.NAMED`); empty where it is itself."""
 
 
 @dataclass(frozen=True)
@@ -386,15 +390,3 @@ class JudgeFrame:
     """For each curve of the result, the group of each ray, -1 where it is in none."""
     time_s: float = 0.0
     """Since the recording's first frame; 0 for all where frames say no time."""
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Gaps by channel, the closure, and what a report draws (`Result` says what maps and curves hold)."""
-
-    gap: dict[str, Gap]
-    closure: Interval | None
-    maps_before: dict[str, Float[np.ndarray, "r c"]]
-    maps_after: dict[str, Float[np.ndarray, "r c"]]
-    curves: tuple[CurveLine, ...]
-    frames: tuple[JudgeFrame, ...] = ()

@@ -1,12 +1,15 @@
 """Free curves: which are believed, and what they are called."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from jaxsim.discover.covariates import Dependence
+from jaxsim.discover.covariates import CURVES, Dependence
 from jaxsim.discover.name import unexplained
 from jaxsim.discover.name.unexplained import agreed, shape_of
-from tests.discover.name.made import candidate, problem
+from tests.discover.name.made import candidate, fitted, problem
 
 
 @pytest.mark.parametrize(
@@ -64,6 +67,17 @@ def test_a_wave_of_one_turn_is_a_wave():
     assert "0.06·sin(1·x" in formula
     # Over half a turn it is no whole wave.
     assert "sin(1·x" not in shape_of(azimuth / 2, np.cos(azimuth), np.ones(20), dependence=along)[1]
+
+
+@pytest.mark.parametrize(("covariate", "told"), [("even rows", ("row", "even rows")), ("row", ("row", ""))])
+def test_a_curve_keeps_the_covariate_that_its_formula_is_of_beside_the_name_of_the_coarser_one(covariate, told):
+    row = np.arange(40) % 8
+    rays = SimpleNamespace(hit=np.ones(40, bool), row=row)
+    fits = tuple(replace(fitted(), z={"height": np.full(36, 0.1 * k, np.float32)}) for k in range(3))
+    curve = replace(candidate("curve", 4.0), effect=CURVES["intensity"], fits=fits)
+    along = Dependence("intensity", covariate, 0.01, 0.1, 50.0)
+    found = unexplained.describe_curve(problem(ev=SimpleNamespace(rays=rays)), along, curve)
+    assert (found.covariate, found.along) == told
 
 
 def test_what_is_added_is_told_in_the_intensitys_own_unit():

@@ -50,6 +50,18 @@ def test_arcs_hold_the_sectors_of_their_azimuths(facts):
         np.testing.assert_array_equal(inside[0], held)
 
 
+@pytest.mark.parametrize("columns", [450, 500, 900])
+def test_an_arc_holds_the_very_columns_of_the_sectors_that_it_was_asked_of(columns):
+    """Of numbers of columns that the sectors do not divide: some have one column more."""
+    scan, _ = toy(frames=1, rows=2, columns=columns)
+    frame = np.zeros(1, int)
+    facts = Facts(scan, ("drive",), frame, frame, np.arange(columns)[None])
+    [one] = [one for one in questions(facts) if one.divides == "azimuth"]
+    azimuth = np.asarray(scan.grid.azimuth_rad)
+    for region, inside in zip(one.regions, one.inside, strict=True):
+        np.testing.assert_array_equal(region.in_sector(azimuth), inside[0][facts.sector[0]])
+
+
 @pytest.mark.parametrize("frames", [6, 8])
 def test_frames_of_one_drive_are_divided_by_their_own_moments_however_many_its_sectors_are(facts, frames):
     """Six sectors of each frame, as blocks: a sector's number is no moment's."""

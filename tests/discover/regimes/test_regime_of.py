@@ -1,0 +1,34 @@
+"""A regime as the verdict holds it: what its places are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.regimes import find
+from jaxsim.discover.regimes.confine import Confined
+from jaxsim.discover.regimes.find import OF_FIT, RegimeNumbers, regime_of
+from jaxsim.discover.regimes.questions import Cells, Facts
+from jaxsim.discover.verdict import Interval
+from jaxsim.effects.region import Region
+from tests.discover.name.made import candidate, problem, step
+from tests.discover.toy import toy
+
+FRAMES = 6
+
+
+@pytest.mark.parametrize(("times", "counted"), [(np.arange(FRAMES), False), (np.zeros(FRAMES), True)])
+def test_scenes_are_counted_only_where_frames_say_no_moment_of_their_own(monkeypatch, times, counted):
+    """Moments a second apart from 0 on are the very numbers that scenes would have."""
+    scan, _ = toy(frames=FRAMES, rows=4, columns=60)
+    frame = np.arange(FRAMES)
+    column = np.broadcast_to(np.arange(60), (FRAMES, 60))
+    drives = tuple(f"drive {k}" for k in frame)
+    facts = Facts(replace(scan, time_s=times.astype(np.float32)), drives, frame, frame, column)
+    monkeypatch.setattr(find, "cells_of", lambda *_, **more: Cells(*np.ones((2, FRAMES, more["sectors"]))))
+    chosen = candidate("beam_gain", 4.0)
+    late = Confined(step(chosen), chosen.effect, Region(time_s=(2.5, None)), frame > 2, problem(), 20.0)
+    size = Interval(1.0, 0.9, 1.1, OF_FIT)
+    told = regime_of(late, "time", RegimeNumbers(size, size, 0.001, 0.01, 20.0), facts=facts)
+    assert told.x == tuple(range(FRAMES))
+    assert told.counted == counted
