@@ -62,7 +62,7 @@ def test_without_projection_points_are_the_same_and_their_intensities_others(sim
     assert (plain.intensity[both] != scaled.intensity[both]).mean() > 0.1
     with pytest.raises(ValueError, match=r"\(data was .*, now .*\)"):
         simulate(out, projection="none")
-    with pytest.raises(ValueError, match=r"\(data was .*, now .*\)"):
+    with pytest.raises(ValueError, match=r"source\.lidar was kitti, now camera; data was .*, now .*"):
         simulate(out, lidar="camera")
 
 

@@ -49,6 +49,13 @@ def lines(folder) -> list[dict]:
     return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
 
 
+class Alike(list):
+    """Frames that are one, by number."""
+
+    def name_of(self, position: int) -> str:
+        return f"frame-{position}"
+
+
 def test_an_image_without_a_guess_ends_no_training(tmp_path, monkeypatch):
     experiment = replace(EXPERIMENT, run=replace(EXPERIMENT.run, out=tmp_path, save_every=100))
     near, saved, everywhere = [], [], np.ones((64, 128), bool)
@@ -64,7 +71,7 @@ def test_an_image_without_a_guess_ends_no_training(tmp_path, monkeypatch):
         saved.append([path.name for path in (tmp_path / "depth" / "checkpoints").iterdir()])
         return np.full(batch.truth_m.shape, near.pop(0), np.float32)
 
-    monkeypatch.setattr(depth, "frames_of", lambda experiment: ([frame] * 2, [frame] * 2))
+    monkeypatch.setattr(depth, "frames_of", lambda experiment: (Alike([frame] * 2), Alike([frame] * 2)))
     monkeypatch.setattr(depth, "train_step", learn)
     monkeypatch.setattr(depth, "predict", guess)
     near += [0.0, 5.0, np.nan, np.inf, 0.0, 5.0]
