@@ -123,7 +123,7 @@ main(["simulate", "embedded", "--data.kind", "synthetic", "--frames", "0", "--ou
 """
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_user_without_a_name_or_a_home_can_work(tmp_path):
     """As containers have them: `docker run --user 12345`."""
     unset = ("HOME", "XDG_CACHE_HOME", "JAX_COMPILATION_CACHE_DIR", "USER", "LOGNAME", "LNAME", "USERNAME")

@@ -53,6 +53,7 @@ def street():
     return all_rays(scan), scan
 
 
+@pytest.mark.slow
 def test_an_own_effect_that_is_hidden_in_a_toy_case_is_named(tmp_path):
     register_effect(lobes_effect())
     frames = np.arange(9)  # as many as of `judged_toy`, whose programs are compiled for many files

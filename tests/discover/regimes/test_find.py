@@ -49,6 +49,7 @@ def test_its_sensor_model_acts_there_alone_and_its_report_says_so(sector, tmp_pa
     assert (tmp_path / "figures" / "regime_beam_range_bias.svg").is_file()
 
 
+@pytest.mark.slow
 def test_a_wave_round_the_sensor_is_no_effect_of_a_sector(tmp_path, standard_promotion):
     make_case(tmp_path / "case", effect="none", seed=24, scenes=16, **SMALL)
     for path in (tmp_path / "case" / "measured").glob("*.npz"):
