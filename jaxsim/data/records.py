@@ -7,7 +7,6 @@ those of `jaxsim.frame`, with `/` where a struct holds another.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from jaxtyping import Bool
 from pydantic import TypeAdapter
 
 from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.files import sha256_of
 from jaxsim.frame import Camera, CameraFrame, Painted, Pair, PolarGrid, PolarImage
 
 LABELS = {"semantic", "edges"}
@@ -230,4 +230,4 @@ def contents_of(path: Path) -> str:
     """Names a file of weights by what it holds. Raises FileNotFoundError where it is missing."""
     if not path.is_file():
         raise FileNotFoundError(f"prepare: no weights at {path}; jaxsim convert writes them")
-    return f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
+    return f"SHA-256 {sha256_of(path)}"

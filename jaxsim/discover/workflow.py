@@ -126,7 +126,7 @@ def discover(
         without=without,
         exchanged=exchanged,
         noise_grows=cache(partial(range_noise_grows, comparison)),
-        leaves_nothing=partial(leaves_nothing, null),
+        leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
         log=log,
     )
 

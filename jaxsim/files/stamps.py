@@ -44,6 +44,11 @@ def stamp(files: Iterable[Path], more: str = "") -> str:
     return hashlib.sha256("\n".join([*told, more]).encode()).hexdigest()[:16] if told else ""
 
 
+def sha256_of(path: Path) -> str:
+    """SHA-256 of what a file holds, in hexadecimal digits."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def read_once(
     read: Callable[Concatenate[Path, _Of], _Read],
     *,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 from collections.abc import Iterable, Sequence
@@ -13,7 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
-from jaxsim.files import file_of, files_in, read_entry, write_image, write_text
+from jaxsim.files import file_of, files_in, read_entry, sha256_of, write_image, write_text
 from jaxsim.frame import DepthFrame, Painted, Pair, PolarImage
 
 _log = logging.getLogger(__name__)
@@ -116,23 +115,19 @@ def save_pictures(folder: Path, pictures: Iterable[tuple[str, Rgb]], *, by: str)
     with suppress(ValueError, OSError):  # none, or a damaged one, by which nothing is removed
         earlier = read_entry(record, "sha256", dict[str, str], by=by)
     for path in files_in(folder, ".png"):
-        if not path.is_symlink() and earlier.get(path.name) == _sha256(path):
+        if not path.is_symlink() and earlier.get(path.name) == sha256_of(path):
             path.unlink()
     record.unlink(missing_ok=True)
     written: dict[str, str] = {}
     for name, picture in pictures:
         path = save_picture(file_of(folder, name, ".png", by=by), picture)
-        written[path.name] = _sha256(path)
+        written[path.name] = sha256_of(path)
         write_text(record, json.dumps({"sha256": written}, indent=1))
     if others := [path.name for path in files_in(folder, ".png") if path.name not in written]:
         _log.warning(
             f"{by}: of the pictures in {folder} {len(others)} were there before (the first: {others[0]}); delete those "
             "of an earlier evaluation"
         )
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def intensity_panel(intensity: Raster, valid: _Mask) -> Rgb:

@@ -6,7 +6,6 @@ OUT/export.json               what it is made with, and what became of each fram
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 from collections import Counter
@@ -35,7 +34,7 @@ from jaxsim.data.seen import warn_of_scenes
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import boxes_of
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import stamp_of, tell_anew
+from jaxsim.files import sha256_of, stamp_of, tell_anew
 from jaxsim.frame import Boxes, Frame
 from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
@@ -91,7 +90,7 @@ class TreePlan:
         source = {"data": data.kind} | data.of_frames
         recipe = {f"recipe.{key}": value for key, value in asdict(self.recipe).items()}
         if (grid := grid_file(self.recipe)) is not None:
-            recipe["recipe.lines"] = f"grid of SHA-256 {hashlib.sha256(grid.read_bytes()).hexdigest()}"
+            recipe["recipe.lines"] = f"grid of SHA-256 {sha256_of(grid)}"
         # A path is no proof that files are the same, but another path is a question; the embedded world has no files.
         root = str(data.root.resolve()) if data.root else None
         files = {} if data.kind == "synthetic" else {"root": root, "rows": data.rows}

@@ -155,9 +155,7 @@ def learn(form: Form, problem: Problem, result: Fit) -> LearnedFit:
     return LearnedFit(replace(form.bare, values=_plain(values), sd=_plain(sd)), without, len(form.start))
 
 
-def leaves_nothing(
-    null: Problem, curve: tuple[Dependence, Candidate], effects: Sequence[Law], *, bar: float = RULES.bar_nats
-) -> bool:
+def leaves_nothing(null: Problem, curve: tuple[Dependence, Candidate], effects: Sequence[Law], *, bar: float) -> bool:
     """Whether none of the `effects` is accepted any more with the law of a free curve in place, fitted to all find
     scenes."""
     form = Form.of(null, *curve)

@@ -30,8 +30,8 @@ Along = tuple[str, str]
 
 Curve = tuple[Dependence, Candidate]
 """A free curve, and along what it runs."""
-LeavesNothing = Callable[[Curve, Sequence[Law]], bool]
-"""Whether the law of a free curve, in place, leaves effects nothing to say."""
+LeavesNothing = Callable[[Curve, Sequence[Law], float], bool]
+"""Whether the law of a free curve, in place, leaves effects nothing to say that passes a bar."""
 
 MUTUAL = "with the sides exchanged it is found as well"
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
@@ -70,7 +70,7 @@ def name_effects(
     without: Sequence[str] = (),
     exchanged: Callable[[], Exchanged] | None = None,
     noise_grows: Callable[[], bool] = lambda: True,
-    leaves_nothing: LeavesNothing = lambda curve, effects: False,
+    leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
@@ -148,7 +148,7 @@ def decide(
     scene: Int[np.ndarray, " b"],
     without: Sequence[str] = (),
     but: Sequence[Along] = (),
-    leaves_nothing: LeavesNothing = lambda curve, effects: False,
+    leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
 ) -> Answer:
     """The answer, what is named in it, and what a free curve still finds.
 
@@ -183,7 +183,7 @@ def pieced(choice: Choice, curve: Curve, leaves_nothing: LeavesNothing) -> bool:
     pieces = [effect for effect in of_channel if effect.name not in FINEST]
     # To fit the law costs seconds: not where the curve says little of what they do.
     much = fitted.total >= RULES.weak_share * sum(step.chosen.total for step in choice.steps)
-    return len(pieces) >= RULES.curve_pieces and much and leaves_nothing(curve, pieces)
+    return len(pieces) >= RULES.curve_pieces and much and leaves_nothing(curve, pieces, choice.bars.effect)
 
 
 def asked(curves: Sequence[tuple[Dependence, Candidate]], but: Sequence[Along]) -> list[tuple[Dependence, Candidate]]:

@@ -6,12 +6,12 @@ whole one. `python -m jaxsim.simulate.embedded.pack RUN` makes these files from 
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
 import jax
 
+from jaxsim.files import sha256_of
 from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.runs.kinds import Run
@@ -52,18 +52,13 @@ def check(folder: Path) -> None:
         raise ValueError(f"embedded sensor: {', '.join(missing)} not in {folder}; {again}")
     sums = (folder / SUMS_FILE).read_text().splitlines()
     for name in FILES:
-        if f"{sha256(folder / name)}  {name}" not in sums:
+        if f"{sha256_of(folder / name)}  {name}" not in sums:
             raise ValueError(f"embedded sensor: {folder / name} is not the file that was packaged; {again}")
 
 
 def shapes_of(run: Run) -> Tree:
     """Shapes and dtypes of the generator that a run keeps."""
     return state_shapes(run.experiment, input_channels(run.experiment.prepare)).ema
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def name_of(path: Any) -> str:

@@ -7,8 +7,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxsim.files import sha256_of
 from jaxsim.runs.run import Checkpoints, load_run
-from jaxsim.simulate.embedded import FILES, FOLDER, SUMS_FILE, name_of, sha256, shapes_of
+from jaxsim.simulate.embedded import FILES, FOLDER, SUMS_FILE, name_of, shapes_of
 
 
 def pack(source: Path, folder: Path = FOLDER) -> None:
@@ -18,7 +19,7 @@ def pack(source: Path, folder: Path = FOLDER) -> None:
     stored: dict[str, Any] = {name_of(path): np.asarray(leaf) for path, leaf in leaves}
     np.savez_compressed(folder / "generator.npz", **stored)
     (folder / "config.json").write_bytes((source / "config.json").read_bytes())
-    (folder / SUMS_FILE).write_text("".join(f"{sha256(folder / name)}  {name}\n" for name in FILES))
+    (folder / SUMS_FILE).write_text("".join(f"{sha256_of(folder / name)}  {name}\n" for name in FILES))
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def test_three_effects_that_one_curve_leaves_nothing_to_say_are_its_pieces(named
         Choice(tuple(map(step, named)), (), problem()),
         [],
         scene=np.arange(11),
-        leaves_nothing=lambda found, effects: leaves,
+        leaves_nothing=lambda found, effects, bar: leaves,
     )
     assert (len(said.choice.steps) == len(named)) is whole
 
