@@ -283,6 +283,26 @@ def test_the_formula_is_that_of_the_table(name):
         np.testing.assert_allclose(change, np.broadcast_to(expected, change.shape), rtol=2e-4, atol=2e-5, err_msg=field)
 
 
+def test_a_receiver_that_charges_like_a_capacitor_is_a_saturation():
+    """c (1 - exp(-I / c)) is near one of the catalogue's curves, of bounds as they are."""
+    _, rays = scene()
+    intensity = np.linspace(0.01, 1.0, rays.log_intensity.size).reshape(rays.log_intensity.shape)
+    rays = rays.replace(log_intensity=jnp.asarray(np.log(intensity), jnp.float32))
+    charged = np.log(0.3 * -np.expm1(-intensity / 0.3))
+    effect = EFFECTS["saturation"]
+    apply = quick_jit(effect.apply)
+
+    def off(sharpness: float, compression: float) -> float:
+        given = {"sharpness": sharpness, "compression": compression}
+        error = np.asarray(apply(effect.values(given, ROWS), rays).log_intensity) - charged
+        return float(np.abs(error - error.mean()).max())
+
+    steps = np.linspace(1.5, 4.0, 26)
+    sharpest = effect.parameters["sharpness"].low
+    assert min(off(s, c) for s in np.linspace(sharpest, 1.0, 11) for c in steps) < 0.03
+    assert min(off(s, c) for s in (1.0, 2.0) for c in steps) > 0.05
+
+
 def test_mixed_readings_reach_to_the_nearer_of_the_farther_neighbours():
     _, rays = scene()
     beside = jnp.broadcast_to(jnp.array([30.0, 22.0, 5.0, 5.0]), (*rays.range_m.shape, 4))

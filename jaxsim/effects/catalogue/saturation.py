@@ -37,7 +37,7 @@ EFFECT = Effect(
     parameters={
         "ceiling": Parameter(1.0, 0.1, 1.0, "", "largest intensity reported", scale=0.3),
         "compression": Parameter(0.0, 0.0, 20.0, "", "1 / the intensity that the receiver bends towards", scale=1.5),
-        "sharpness": Parameter(1.0, 1.0, 10.0, "", "of the bend: at 1 it is soft, at 10 nearly a corner", scale=2.0),
+        "sharpness": Parameter(1.0, 0.5, 10.0, "", "of the bend: at 0.5 it is soft, at 10 nearly a corner", scale=2.0),
     },
     channels=("intensity",),
     signature="Intensities pile up at one value, or below it; bright classes alone lose their contrast.",
