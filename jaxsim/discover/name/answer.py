@@ -68,6 +68,7 @@ def name_effects(
     scene: Int[np.ndarray, " b"],
     nulls: int = 0,
     without: Sequence[str] = (),
+    unasked: Sequence[Along] = (),
     exchanged: Callable[[], Exchanged] | None = None,
     noise_grows: Callable[[], bool] = lambda: True,
     leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
@@ -77,7 +78,8 @@ def name_effects(
     dependences, say more. `scene` is that of each block.
 
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
-    left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`.
+    left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`,
+    and none of `unasked`.
     What a simulator with noise of its own says of the sensor, and the sensor of it, is passed over: `exchanged` gives
     the sides exchanged, and is asked where anything is found. Noise that grows as echoes weaken is said where that of
     neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces. `leaves_nothing` tells
@@ -106,12 +108,12 @@ def name_effects(
         choice = choose(null, catalogue, bars=bars, refuse=refuse, log=log) if raised else replace(choice, bars=bars)
     curves: list[Along] = []
     decided = partial(decide, null, choice, dependences, scene=scene, without=without, leaves_nothing=leaves_nothing)
-    answer = decided()
+    answer = decided(but=unasked)
     # The strongest may be mutual and the next one not: curves are struck off one by one.
     while exchanged and answer.curve and exchanged().has_curve(answer.choice.problem, *answer.curve):
         curves.append((answer.curve[0].channel, answer.curve[0].covariate))
         log(f"{in_words(curves[-1])}: found with the sides exchanged too: not said")
-        answer = decided(but=curves)
+        answer = decided(but=(*unasked, *curves))
     mutual = [name for name, why in choice.refused.items() if why == MUTUAL]
     return replace(
         answer,

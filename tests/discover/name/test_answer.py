@@ -152,6 +152,9 @@ def test_a_curve_that_both_sides_show_is_not_asked_again(monkeypatch):
     assert said.verdict == "none"
     assert said.mutual == ("intensity along range",)
     assert answer.name_effects(whole, [], [], scene=np.arange(11)).verdict == "not_in_catalogue"
+    # Nor is one that is not to be asked at all, and nothing is said of it.
+    unasked = answer.name_effects(whole, [], [], scene=np.arange(11), unasked=[("intensity", "range")])
+    assert (unasked.verdict, unasked.mutual) == ("none", ())
 
 
 @pytest.mark.parametrize(("steps", "verdict"), [((), "none"), ((step(candidate("beam_gain", 8)),), "named")])
