@@ -14,6 +14,7 @@ Files in the order in which the data meets them:
     checks, read                 two folders, checked and put side by side
     register, mounting           where the sensor stood, and what of it is put in place first
     covariates, find             on what the disagreement depends
+    one_drive                    what is bound to directions, which sectors of a single drive cannot show
     look_alikes, name, law       which effect it is; what no effect describes, as a law with a formula
     add                          what was named, fitted together
     regimes, repeats             what acts in a part alone; what comes back at the same rows and columns

@@ -39,6 +39,7 @@ from jaxsim.discover.name.answer import Answer, name_effects, without_curve
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.select import Choice, Log
 from jaxsim.discover.objects import compare_objects
+from jaxsim.discover.one_drive import ask_pieces, with_pieces
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
 from jaxsim.discover.regimes.find import Divided, find_regimes
 from jaxsim.discover.repeats.examine import examine, formula_of, one_sided, with_repeats, with_what_repeats
@@ -48,6 +49,9 @@ from jaxsim.discover.show import law_gains, sensor_of, show_gap, with_mounting, 
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
+
+HIDDEN_BY_NOISE = (("intensity", "rgb"), ("intensity", "hue angle"))
+"""What noise on the simulator's intensities hides of its surfaces, colours tell: a curve along these is no sensor's."""
 
 
 def discover_folders(
@@ -106,6 +110,11 @@ def discover(
     if finer is not mounting:
         mounting, division = finer, Division.of(finer.comparison)
         dependences = find_dependences(division, mounting.known)
+    found = ask_pieces(division, catalogue, known=mounting.known, log=log)
+    if found.effects:
+        mounting = replace(mounting, known=found.known)
+        catalogue = [effect for effect in catalogue if effect.name not in dict(found.known.effects)]
+        dependences = find_dependences(division, mounting.known)
     comparison, null = mounting.comparison, dependences.null
     unrelated_note = unrelated(correlations(null.ev, dependences.scene))
     if unrelated_note:
@@ -124,6 +133,7 @@ def discover(
         scene=dependences.scene,
         nulls=nulls,
         without=without,
+        unasked=HIDDEN_BY_NOISE if division.simulator.intensities is not None else (),
         exchanged=exchanged,
         noise_grows=cache(partial(range_noise_grows, comparison)),
         leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
@@ -183,7 +193,8 @@ def discover(
         seconds=time.monotonic() - begun,
         **verdict_fields(null, model, known=mounting.known),
     )
-    verdict = with_mounting(without_unconfirmed(verdict), *named_mounting(mounting, parts, rows=rows))
+    verdict = with_pieces(without_unconfirmed(verdict), found)
+    verdict = with_mounting(verdict, *named_mounting(mounting, parts, rows=rows))
     sensor = sensor_of(verdict, model.added.sensor, known)
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
     standing = [(one.effect, one.fit.z) for one in model.added.refits if one.effect.plain_name in dict(sensor.effects)]

@@ -1,0 +1,80 @@
+"""What pieces of a single drive show: effects bound to directions, of frames cast and disturbed in plain NumPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.one_drive import PIECES, OfPieces, ask_pieces, with_pieces
+from jaxsim.discover.read import NOTHING_YET, Comparison, Division
+from jaxsim.discover.rules import RULES
+from jaxsim.effects import EFFECTS
+from tests.discover.noisy_street import comparison, grid
+from tests.discover.test_show import effect, verdict
+
+pytestmark = pytest.mark.usefixtures("standard_promotion")
+ASKED = [EFFECTS[name] for name in ("sector_occlusion", "snr_dropout", "window_contamination")]
+NOISE = {"share": 0.03, "range_m": 0.01}
+
+
+def drive(lose=None, scenes: tuple[str, ...] = ("drive",), frames: int = 12) -> Comparison:
+    """Frames, of a single drive if nothing else is said, of which the sensor loses what `lose` says of azimuth,
+    elevation and simulated intensity."""
+    one = comparison({}, NOISE, frames)
+    at = grid()
+    lost = np.zeros(one.measured.valid.shape, bool)
+    if lose:
+        lost |= lose(at.azimuth_rad[None, None, :], at.elevation_rad[None, :, None], np.asarray(one.scan.intensity))
+    kept = {name: np.where(lost, 0, getattr(one.measured, name)) for name in ("range_m", "intensity")}
+    measured = replace(one.measured, valid=one.measured.valid & ~lost, **kept)
+    return replace(one, measured=measured, scenes=tuple(scenes[k % len(scenes)] for k in range(len(one.names))))
+
+
+def asked(of: Comparison, known=NOTHING_YET):
+    return ask_pieces(Division.of(of), ASKED, known=known, log=lambda line: None)
+
+
+def hidden(azimuth, elevation, intensity):
+    """Nothing comes back from 0.4 rad about an azimuth of 1 rad, below an elevation of -0.05."""
+    return (np.abs(azimuth - 1.0) < 0.2) & (elevation < -0.05) & (intensity >= 0)
+
+
+def weak(azimuth, elevation, intensity):
+    """Half of the echoes below an intensity are lost: far along the walls, so ahead and behind alone."""
+    return (intensity < 0.05) & (np.random.default_rng(3).random(intensity.shape) < 0.5) & np.isfinite(azimuth)
+
+
+@pytest.mark.long
+def test_a_hidden_sector_of_a_single_drive_is_found_and_known_to_what_comes_after():
+    found = asked(drive(hidden))
+    [one] = found.effects
+    assert (one.name, found.pieces) == ("sector_occlusion", PIECES)
+    # Columns are 0.013 rad apart, of which one in twelve is looked at in a frame, others in each.
+    assert one.parameters["azimuth_rad"].value == pytest.approx(1.0, abs=0.03)
+    assert one.parameters["width_rad"].value == pytest.approx(0.4, abs=0.05)
+    assert [name for name, _ in found.known.effects] == ["sector_occlusion"]
+
+
+@pytest.mark.long
+def test_what_goes_by_echoes_is_not_taken_for_a_direction():
+    assert not asked(drive(weak)).effects
+
+
+def test_several_drives_and_few_frames_have_no_pieces(monkeypatch):
+    def never(*args, **more):
+        pytest.fail("asked")
+
+    monkeypatch.setattr("jaxsim.discover.one_drive.find_dependences", never)
+    assert not asked(drive(hidden, tuple(f"drive {k}" for k in range(12)))).effects
+    assert not asked(drive(hidden, frames=RULES.fewest_scenes - 1)).effects
+
+
+def test_a_verdict_tells_them_first_and_says_how_they_were_found():
+    before = verdict(1.0)
+    assert with_pieces(before, OfPieces((), NOTHING_YET, 0)) is before
+    after = with_pieces(before, OfPieces((effect("sector_occlusion", "drop"),), NOTHING_YET, 12))
+    assert (before.verdict, after.verdict) == ("none", "named")
+    assert [one.name for one in after.effects] == ["sector_occlusion"]
+    assert "sector_occlusion: found by 12 pieces of the one drive" in after.notes[-1]
+    fuller = with_pieces(verdict(1.0, effect("snr_dropout", "drop")), OfPieces(after.effects, NOTHING_YET, 12))
+    assert [one.name for one in fuller.effects] == ["sector_occlusion", "snr_dropout"]
