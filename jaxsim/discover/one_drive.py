@@ -3,12 +3,17 @@
 Frames of one drive are cut into sectors of azimuth, which stand for scenes (`model/cast.py`). What hides one sector, or
 grows over the turn, is then in one scene or a number of each, and no two scenes can agree on it. Pieces of the drive
 see all sectors, so such effects are asked of these first, and put in place before sectors are asked for the rest.
+Pieces pass the same walls, and a wall that is darker than it is simulated looks like a dirty window on its side: what
+intensities say does not count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
 
 from jaxsim.discover.add import add_effects, changes
 from jaxsim.discover.explain import named
@@ -19,11 +24,12 @@ from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.select import Log, choose
 from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import split_scenes
+from jaxsim.discover.scenes import clipped, p_value, split_scenes
 from jaxsim.discover.show import gap_with
 from jaxsim.discover.verdict import Named, Verdict
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.effect import CHANNELS
 
 BOUND = ("sector_occlusion", "motion_distortion", "window_contamination")
 """Effects of a direction of the sensor, or of the moment within a turn."""
@@ -61,7 +67,7 @@ def ask_pieces(division: Division, catalogue: Sequence[Effect], *, known: Sensor
         return nothing
     # Alone they stand in for what goes by range or class, which differ from side to side: now beside all others.
     choice = choose(null, catalogue, log=log)
-    steps = [step.chosen.effect.name in BOUND for step in choice.steps]
+    steps = [step.chosen.effect.name in BOUND and without_brightness(step.chosen.gain) for step in choice.steps]
     if not any(steps):
         return nothing
     added = add_effects(null, choice.steps, known=known)
@@ -79,6 +85,12 @@ def ask_pieces(division: Division, catalogue: Sequence[Effect], *, known: Sensor
     of_sensor = [pair for pair in added.sensor.effects if pair[0] not in dict(known.effects)]
     kept = [pair for pair, keep in zip(of_sensor, steps, strict=True) if keep]
     return OfPieces(effects, replace(known, effects=(*known.effects, *kept)), count)
+
+
+def without_brightness(gain: Float[np.ndarray, "s 3"]) -> bool:
+    """Whether what scenes gain in other channels than the intensity passes what all that is named must pass."""
+    rest = clipped(np.delete(gain, CHANNELS.index("intensity"), axis=1).sum(1))
+    return bool(rest.sum() > RULES.bar_nats and p_value(rest) <= RULES.agreement_level)
 
 
 def with_pieces(verdict: Verdict, found: OfPieces) -> Verdict:

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.one_drive import PIECES, OfPieces, ask_pieces, with_pieces
+from jaxsim.discover.one_drive import PIECES, OfPieces, ask_pieces, with_pieces, without_brightness
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
+from jaxsim.effects.effect import CHANNELS
 from tests.discover.noisy_street import comparison, grid
 from tests.discover.test_show import effect, verdict
 
@@ -78,3 +79,16 @@ def test_a_verdict_tells_them_first_and_says_how_they_were_found():
     assert "sector_occlusion: found by 12 pieces of the one drive" in after.notes[-1]
     fuller = with_pieces(verdict(1.0, effect("snr_dropout", "drop")), OfPieces(after.effects, NOTHING_YET, 12))
     assert [one.name for one in fuller.effects] == ["sector_occlusion", "snr_dropout"]
+
+
+def test_what_a_dark_wall_may_show_does_not_count():
+    dark = np.zeros((8, len(CHANNELS)))
+    dark[:, CHANNELS.index("intensity")] = 20.0
+    assert not without_brightness(dark)
+    dirty = dark.copy()
+    dirty[:, CHANNELS.index("drop")] = 5.0
+    assert without_brightness(dirty)
+    # One piece alone decides nothing.
+    once = dark.copy()
+    once[0, CHANNELS.index("drop")] = 500.0
+    assert not without_brightness(once)
