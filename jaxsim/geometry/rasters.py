@@ -208,7 +208,8 @@ def _times(shape: tuple[int, ...]) -> str:
 def all_within(values: np.ndarray, low: int | float, high: int | float) -> bool:
     """Whether all values are finite and in the interval."""
     finite = values.dtype.kind in "iub" or np.isfinite(values).all()
-    return bool(finite and values.min(initial=low) >= low and values.max(initial=high) <= high)
+    # Numbers of Python: not every type of the raster can be compared with every end.
+    return not values.size or bool(finite and values.min().item() >= low and values.max().item() <= high)
 
 
 def span_in_words(values: np.ndarray) -> str:
