@@ -37,15 +37,14 @@ def complete_depth(
 
     Raises ValueError when no pixel has depth or the method is unknown.
     """
-    if method not in METHODS and method != "penet":
-        raise ValueError(f"depth: no method {method!r}; known: {', '.join([*METHODS, 'penet'])}")
+    if method not in METHODS:
+        known = ", ".join(METHODS)
+        raise ValueError(f"depth: no method {method!r}; known: {known}, and penet, which complete_view gives the image")
     if not valid.any():
         raise ValueError(
             "depth: not one pixel has depth, so there is nothing to complete; check that the points fall "
             "into the image (calibration of another drive, or an empty scan?)"
         )
-    if method == "penet":
-        raise ValueError("depth: penet also takes the image; call complete_view")
     return METHODS[method](sparse_depth_m.astype(np.float32), valid)
 
 
