@@ -149,6 +149,8 @@ def test_of_an_ousters_two_returns_the_one_is_taken_that_was_asked_for(samples, 
 
 
 def test_nuscenes_sweeps(samples, tmp_path):
+    with pytest.raises(ValueError, match=r"--log\.rings is for logs of points, and .* comes on the grid"):
+        frames_of(samples / "nuscenes", tmp_path, rings="0-15")
     kind, frames = frames_of(samples / "nuscenes", tmp_path)
     assert kind == "nuscenes"
     assert frames.read(frames.names[0])[0].range_m.shape == (32, 900)
