@@ -228,6 +228,7 @@ def nearest_known(known: Bool[np.ndarray, "h w"]) -> tuple[Float[np.ndarray, "h 
         (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
     # Every known pixel has a label of its own, which the pixels nearest to it share.
+    label = np.asarray(label, np.int64)
     place = np.zeros(int(label.max()) + 1, np.int64)
     place[label[known]] = np.flatnonzero(known)
     return np.asarray(away_px), place[label]
