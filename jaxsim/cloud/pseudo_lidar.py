@@ -15,8 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxsim.files import placed
 from jaxsim.frame import Array, Camera, Cloud
 from jaxsim.geometry import unproject
+from jaxsim.geometry.camera import crop_offsets
 
 MAX_HIGH_M = 1.0
 """Highest point that is kept, above the LiDAR."""
@@ -65,15 +67,16 @@ def place_intensity(
     Raises ValueError where the crop does not fit.
     """
     *batch, rows, columns = intensity.shape
-    top, left = size[0] - crop[0], round((size[1] - crop[1]) / 2)
-    if top < 0 or left < 0 or rows > crop[0] or columns > crop[1]:
+    if rows > crop[0] or columns > crop[1]:
         raise ValueError(
-            f"pseudo-LiDAR: intensity of {rows} x {columns} cells does not fit a crop of {crop[0]} x {crop[1]} in an "
-            f"image of {size[0]} x {size[1]} (rows x columns); give the size of the camera's image"
+            f"pseudo-LiDAR: intensity of {rows} x {columns} cells does not fit a crop of {crop[0]} x {crop[1]} (rows x "
+            "columns); give the crop that it was made of"
         )
+    with placed("pseudo-LiDAR", then="give the size of the camera's image"):
+        top, left = crop_offsets(size, crop)
     flat = np.asarray(intensity, np.float32).reshape(-1, rows, columns)
-    placed = np.zeros((len(flat), *size), np.float32)
-    for out, image in zip(placed, flat, strict=True):
+    whole = np.zeros((len(flat), *size), np.float32)
+    for out, image in zip(whole, flat, strict=True):
         # Bottom and middle, where depth completion has cropped.
         out[top:, left : left + crop[1]] = cv2.resize(image, crop[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
-    return placed.reshape(*batch, *size)
+    return whole.reshape(*batch, *size)

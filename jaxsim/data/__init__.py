@@ -121,14 +121,24 @@ DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
 }
 
 
-def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Dataset:
-    """The data set that a config, or a kind and its folder, names.
+OF_SCENES = ("kitti_tracking", "kitti_step", "kitti_odometry", "vkitti2", "prepared")
+"""Kinds of which scenes can be chosen. Of pairs they are those that the frames were chosen by."""
 
-    Raises ValueError for an unknown kind or a missing root.
+
+def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Dataset:
+    """The data set that a config, or a kind, names; in the folder `root`, where it is given.
+
+    Raises ValueError for an unknown kind, a missing root, and scenes of a kind that has no scenes to choose.
     """
-    config = DataConfig(kind=source, root=root and Path(root)) if isinstance(source, str) else source  # type: ignore
+    config = DataConfig(kind=source) if isinstance(source, str) else source  # type: ignore
+    config = replace(config, root=Path(root)) if root else config
     if config.kind not in DATASETS:
         raise ValueError(f"data: no kind {config.kind!r}; known: {', '.join(DATASETS)}")
+    if config.scenes and config.kind not in OF_SCENES:
+        raise ValueError(
+            f"data: kind {config.kind} takes no scenes ({' '.join(config.scenes)}): leave --data.scenes out, and name "
+            "frames by numbers, or by a part of the set, as drive_0009 of kitti_raw"
+        )
     return DATASETS[config.kind](config)
 
 

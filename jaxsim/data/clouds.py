@@ -22,6 +22,8 @@ SUFFIXES = (".bin", ".npz")
 SENSOR = "hdl64e"
 ROWS = ("file_order", "elevation")
 """How a point's laser line is told: by its place in the file, or as the nearest beam."""
+NEAREST_BEAM = f'--data.rows elevation (of `jaxsim frames` --log.sensor {SENSOR}, in Python rows="elevation")'
+"""How the latter is asked for."""
 ALL_ROUND, LAST_DEG = 0.25, 339.0
 """Share of points behind the car from which a scan looks all round, and the azimuth that its lowest line reaches. In
 116 scans of 20 KITTI drives the share is 0.43 to 0.53, and all end in the lowest line at 339.5 to 342.4 degrees, where
@@ -124,8 +126,7 @@ def _lines(path: Path, xyz_m: Float[np.ndarray, "n 3"], rows: str) -> Int[np.nda
         return recover_rows(xyz_m, lines=spec.rows, spec=spec)
     except UnorderedCloud as error:
         raise UnorderedCloud(
-            f"{path}: {error}. Use the file as recorded, or take the nearest beam: --data.rows elevation "
-            '(rows="elevation" in Python)'
+            f"{path}: {error}. Use the file as recorded, or take the nearest beam: {NEAREST_BEAM}"
         ) from error
 
 
@@ -169,7 +170,7 @@ def _check_lines(path: Path, points: Int[np.ndarray, " rows"], spec: LidarSpec) 
         raise ValueError(
             f"{path} has {middle} points in the middle one of the laser lines that see the road; of a whole scan "
             f"nearly all of {spec.columns} firings come back: the file was thinned or damaged; use it as recorded, or "
-            "copy it again. Of a sensor that turns faster, take the nearest beam: --data.rows elevation"
+            f"copy it again. Of a sensor that turns faster, take the nearest beam: {NEAREST_BEAM}"
         )
     if len(lost):
         warnings.warn(f"{what}; a sky without anything in it swallows them, else the file was thinned", stacklevel=2)

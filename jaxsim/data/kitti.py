@@ -138,7 +138,7 @@ class KittiObject:
     def __init__(self, root: Path, *, rows: str = "file_order"):
         self.root = Path(root)
         self._rows = check_rows(rows)
-        self._frames = [frame for folder in _object_folders(self.root) for frame in _object_frames(folder)]
+        self._frames = _object_scans(self.root)
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -233,8 +233,6 @@ def _lacking(scans: Path, images: Path) -> str:
 
 def _numbers(scans: Path, images: Path) -> list[str]:
     """Frame numbers that have a scan and an image."""
-    if why := _lacking(scans, images):
-        raise ValueError(why)
     numbers = set(_frames_in(scans, ".bin")), set(_frames_in(images, ".png"))
     both = sorted(set.intersection(*numbers))
     if not both:
@@ -269,38 +267,22 @@ def _drives(root: Path) -> list[Path]:
     return drives
 
 
-def _object_folders(root: Path) -> list[Path]:
-    """`training` and `testing`, those of them that have scans and images; one alone is taken as it is, so that the
-    error says what it lacks."""
-    folders = [root / name for name in ("training", "testing") if (root / name).is_dir()]
-    if folders:
-        lacking = {folder: why for folder in folders if (why := _part_lacks(folder))}
-        if len(lacking) == len(folders):
-            return folders[:1]
-        for folder, why in lacking.items():
-            _log.warning(f"{folder} left out: {why}")
-        return [folder for folder in folders if folder not in lacking]
-    if (root / "image_2").is_dir():
+def _object_scans(root: Path) -> list[Path]:
+    """Scans of the frames of `training`, then of `testing`. A part without scans or images is left out, unless it is
+    the only one: then the error says what it lacks."""
+    parts = [root / name for name in ("training", "testing") if (root / name).is_dir()]
+    if not parts and (root / "image_2").is_dir():
         raise ValueError(f"kitti: {root} is a split of the object benchmark; pass the folder above it")
-    if root.is_dir() and any(DATE.fullmatch(p.name) for p in root.iterdir()):
+    if not parts and root.is_dir() and any(DATE.fullmatch(p.name) for p in root.iterdir()):
         raise ValueError(f"kitti: {listing(root)}: these are raw drives; use --data.kind kitti_raw")
-    raise ValueError(f"kitti: no training/: {listing(root)}; pass the folder that holds training/velodyne")
-
-
-def _part_lacks(folder: Path) -> str:
-    """As `_lacking`, of scans in any of the folders that may hold them."""
-    reasons = [_lacking(folder / name, folder / "image_2") for name in SCANS]
-    return reasons[0] if all(reasons) else ""
-
-
-def _object_frames(folder: Path) -> list[Path]:
-    """Scans of the frames of `training` or `testing`."""
-    scans = _first_folder(folder, SCANS)
-    return [scans / f"{number}.bin" for number in _numbers(scans, folder / "image_2")]
-
-
-def _first_folder(parent: Path, names: tuple[str, ...]) -> Path:
-    for name in names:
-        if (parent / name).is_dir():
-            return parent / name
-    raise ValueError(f"kitti: no {' or '.join(f'{name}/' for name in names)}: {listing(parent)}")
+    if not parts:
+        raise ValueError(f"kitti: no training/: {listing(root)}; pass the folder that holds training/velodyne")
+    # The first of the folders that may hold scans and does.
+    scans = {p: next((p / name for name in SCANS if _frames_in(p / name, ".bin")), p / SCANS[0]) for p in parts}
+    lacking = {part: why for part in parts if (why := _lacking(scans[part], part / "image_2"))}
+    if len(lacking) == len(parts):
+        raise ValueError(lacking[parts[0]])
+    for part, why in lacking.items():
+        _log.warning(f"{part} left out: {why}")
+    whole = [part for part in parts if part not in lacking]
+    return [scans[part] / f"{number}.bin" for part in whole for number in _numbers(scans[part], part / "image_2")]

@@ -23,8 +23,9 @@ from jaxtyping import Bool, Float
 
 from jaxsim.data.calibration import check_pinhole
 from jaxsim.data.kitti_files import raw_camera, read_image
-from jaxsim.files import files_in, numbers, read_pixels, read_text
+from jaxsim.files import files_in, numbers, placed, read_pixels, read_text
 from jaxsim.frame import DepthFrame
+from jaxsim.geometry.camera import crop_depth_frame
 
 PARTS = ("train", "val")
 SELECTED = ("image", "velodyne_raw", "groundtruth_depth", "intrinsics")
@@ -104,20 +105,12 @@ class KittiDepth(Sequence[DepthFrame]):
                 f"kitti_depth: {files.image} is {rgb.shape[:2]}, {files.sparse} {sparse_m.shape}, {files.truth} "
                 f"{truth_m.shape}; all must be of one frame"
             )
-        (h, w), (rows, columns) = truth_m.shape, self.crop
-        if h < rows or w < columns:
-            raise ValueError(
-                f"kitti_depth: {files.image} is {h} x {w}, smaller than the crop {rows} x {columns}; lower --image-crop"
-            )
         if files.calibration.is_dir():
-            camera = raw_camera(files.calibration, (h, w), camera=files.camera)
-            intrinsics = np.array(camera.intrinsics, np.float32)
+            intrinsics = raw_camera(files.calibration, truth_m.shape, camera=files.camera).intrinsics
         else:
-            intrinsics = _intrinsics(files.calibration, (h, w))
-        top, left = h - rows, round((w - columns) / 2)
-        intrinsics[:2, 2] -= left, top
-        view = np.s_[top:, left : left + columns]
-        return DepthFrame(rgb[view], sparse_m[view], given[view], truth_m[view], known[view], intrinsics)
+            intrinsics = _intrinsics(files.calibration, truth_m.shape)
+        with placed(f"kitti_depth: {files.image}", then="lower --image-crop"):
+            return crop_depth_frame(DepthFrame(rgb, sparse_m, given, truth_m, known, intrinsics), self.crop)
 
 
 def _intrinsics(path: Path, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:

@@ -126,7 +126,7 @@ def _present(folder: Path, wanted: Sequence[str]) -> tuple[str, ...]:
         raise ValueError(
             f"kitti_odometry: no {what} with velodyne/NUMBER.bin in {folder}; it has {', '.join(sequences) or 'none'}"
         )
-    return tuple(wanted) or sequences
+    return tuple(dict.fromkeys(wanted)) or sequences
 
 
 def _scans(sequence: Path) -> list[Path]:

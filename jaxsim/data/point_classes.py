@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.frame import Camera
+from jaxsim.geometry.rasters import nearest_known
 
 REACH_PX = 12.0
 """A pixel takes the class of a point within this: KITTI's lines lie up to 7 pixels apart, where none is lost."""
@@ -52,15 +53,9 @@ def classes_in_image(
     share, metres = _HIDDEN
     seen = depth <= share * cv2.erode(nearest, _AROUND)[row, column] + metres
     column, row = column[seen], row[seen]
-    empty = np.ones(size, np.uint8)
-    empty[row, column] = 0
-    values = np.zeros((2, *size), np.int32)
+    values, filled = np.zeros((2, *size), np.int32), np.zeros(size, bool)
     values[:, row, column] = np.stack([semantic[known], instance[known]])[:, inside][:, order][:, seen]
-    away_px, source = cv2.distanceTransformWithLabels(
-        empty, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    near, source = np.asarray(away_px) <= REACH_PX, np.asarray(source, np.int32)
-    of_source = np.zeros((2, int(source.max()) + 1), np.int32)
-    of_source[:, source[empty == 0]] = values[:, empty == 0]
-    classes = np.where(near, of_source[:, source], 0)
+    filled[row, column] = True
+    away_px, source = nearest_known(filled)
+    classes = np.where(away_px <= REACH_PX, values.reshape(2, -1)[:, source], 0)
     return classes[0], classes[1]

@@ -19,9 +19,9 @@ LOW_ORIGIN_M = 10.0
 SHAPES = {"range": 2, "intensity": 2, "incidence": 2, "semantic": 2, "instance": 2, "time": 2, "rgb": 3}
 """Dimensions of each raster of the format; rgb's third is its three channels."""
 ABOUT_KEYS = ("scene", "time", "speed", "heading", "tags")
+"""What grid.json may say of a frame."""
 LATEST_S = 1e10
 """Seconds since 1970 in the year 2286: a time beyond is in another unit."""
-"""What grid.json may say of a frame."""
 INT32 = int(np.iinfo(np.int32).min), int(np.iinfo(np.int32).max)
 ID_RASTERS = ("semantic", "instance")
 """Rasters of ids."""
@@ -122,23 +122,19 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
     `arrays` holds range and intensity, and any others; names that the format does not know are not looked at.
     """
-    for name in [name for name in SHAPES if name in arrays]:
-        array = arrays[name]
+    known = {name: arrays[name] for name in SHAPES if name in arrays}
+    for name, array in known.items():
         if array.dtype.kind not in "iufb":
             raise ValueError(f"polar frames: {path}: {name} holds {array.dtype}; it must hold real numbers; {SEE}")
         if array.ndim != SHAPES[name] or (name == "rgb" and array.shape[-1] != 3):
             right = "(rows, columns, 3), red, green, blue" if name == "rgb" else "(rows, columns)"
             raise ValueError(f"polar frames: {path}: {name} is {array.shape}; it must be {right}")
     range_m, intensity = arrays["range"], arrays["intensity"]
-    if range_m.shape != intensity.shape:
-        raise ValueError(
-            f"polar frames: {path}: range is {range_m.shape}, intensity {intensity.shape}; both must be (rows, columns)"
-        )
-    for name in [name for name in SHAPES if name in arrays]:
-        if arrays[name].shape[:2] != range_m.shape:
+    for name, array in known.items():
+        if array.shape[:2] != range_m.shape:
             raise ValueError(
-                f"polar frames: {path}: {name} is {arrays[name].shape}, range {range_m.shape}; their rows and columns "
-                "must be the same"
+                f"polar frames: {path}: {name} is {array.shape}, range {range_m.shape}; their rows and columns must be "
+                "the same"
             )
     if not np.isfinite(range_m).all() or (range_m < 0).any():
         raise ValueError(f"polar frames: {path}: range must be finite metres, 0 where nothing returned")
@@ -152,16 +148,17 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             f"polar frames: {path}: intensity spans {span_in_words(intensity)}; it must lie in 0..1 "
             "(divide by your sensor's scale; 0 where nothing returned)"
         )
-    for name in [name for name in ID_RASTERS if name in arrays]:
-        if not np.isfinite(arrays[name]).all() or (arrays[name] != np.round(arrays[name])).any():
+    for name, ids in known.items():
+        if name not in ID_RASTERS:
+            continue
+        if not np.isfinite(ids).all() or (ids != np.round(ids)).any():
             raise ValueError(
-                f"polar frames: {path}: {name} spans {span_in_words(arrays[name])}; it must hold whole numbers (ids)"
+                f"polar frames: {path}: {name} spans {span_in_words(ids)}; it must hold whole numbers (ids)"
             )
-        # Ids of fewer bits need not be looked at, nor can they be compared with these ends.
-        if arrays[name].dtype.itemsize > 4 and not all_within(arrays[name], *INT32):
+        if not all_within(ids, *INT32):
             raise ValueError(
-                f"polar frames: {path}: {name} spans {span_in_words(arrays[name])}; ids are numbers of 32 bits: count "
-                "objects from 1, np.unique(ids, return_inverse=True)[1] + 1"
+                f"polar frames: {path}: {name} spans {span_in_words(ids)}; ids are numbers of 32 bits: count objects "
+                "from 1, np.unique(ids, return_inverse=True)[1] + 1"
             )
     if "semantic" in arrays:
         check_classes(arrays["semantic"], f"polar frames: {path}")

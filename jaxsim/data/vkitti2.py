@@ -86,7 +86,7 @@ class VirtualKitti2:
         strange = [name for name in variations if name not in VARIATIONS]
         if strange or not variations:
             raise ValueError(f"vkitti2: no variation {strange[0] if strange else ''!r}; known: {', '.join(VARIATIONS)}")
-        drives = [_child(scene, name) for scene in _scenes(self.root, scenes) for name in variations]
+        drives = [_child(scene, name) for scene in _scenes(self.root, scenes) for name in dict.fromkeys(variations)]
         self._frames = [(drive, number) for drive in drives for number in self._numbers(drive)]
 
     def __len__(self) -> int:

@@ -139,9 +139,8 @@ def beams_of_rings(xyz_m: Float[np.ndarray, "n 3"], ring: Int[np.ndarray, " n"],
     if len(close):
         a, b = order[close[0]], order[close[0] + 1]
         raise NoBeams(
-            f"rings {a} and {b} look the same way ({np.rad2deg(middle[a]):.3f} degrees): a cloud of two "
-            f"sensors, or not "
-            "in the sensor's frame"
+            f"rings {a} and {b} look the same way ({np.rad2deg(middle[a]):.3f} degrees): a cloud of two sensors, or "
+            "not in the sensor's frame"
         )
     return Beams(
         elevation_rad=middle[order], origin_m=origin[order], ring=order, off_deg=float(np.rad2deg(np.median(off)))
@@ -176,9 +175,8 @@ def _check_on_beams(middle: Float[np.ndarray, " count"], off: Float[np.ndarray, 
     if share > _OFF_BEAMS:
         raise NoBeams(
             f"{share:.0%} of the points lie {_OFF_ROWS:g} rows or more off the beam of their ring (rows are "
-            f"{np.rad2deg(step):.2f} degrees apart): the points are not in the sensor's own frame, or the rings "
-            f"are not "
-            "its beams"
+            f"{np.rad2deg(step):.2f} degrees apart): the points are not in the sensor's own frame, or the rings are "
+            "not its beams"
         )
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.frame import Array, Camera, PolarGrid
+from jaxsim.frame import Array, Camera, DepthFrame, PolarGrid
 from jaxsim.geometry.sensor import LidarSpec, window_grid
 
 LINE_SHARE = 0.57
@@ -56,9 +56,18 @@ def project(camera: Camera, xyz_velo: Float[Array, "*b n 3"]) -> tuple[Float[Arr
 def unproject(camera: Camera, depth_m: Float[Array, "*b h w"]) -> Float[Array, "*b h w 3"]:
     """Point in `velo` of every pixel's centre at planar depth `depth_m`."""
     *batch, height, width = depth_m.shape
+    x, y = pixels_at_one(camera, depth_m.shape)
+    depth_m = depth_m.astype(x.dtype)
+    cam = jnp.stack([x * depth_m, y * depth_m, depth_m], axis=-1).reshape(*batch, height * width, 3)
+    return transform(invert(camera.cam_from_velo), cam).reshape(*batch, height, width, 3)
+
+
+def pixels_at_one(camera: Camera, shape: tuple[int, ...]) -> tuple[Float[Array, "*b h w"], Float[Array, "*b h w"]]:
+    """x and y in `cam` of every pixel's centre at depth 1, of images of `shape` (*b, h, w)."""
     k = camera.intrinsics
-    v = jax.lax.broadcasted_iota(depth_m.dtype, depth_m.shape, depth_m.ndim - 2)
-    u = jax.lax.broadcasted_iota(depth_m.dtype, depth_m.shape, depth_m.ndim - 1)
+    # Of the camera's type: depth may come in half precision, which does not count beyond 2048 pixels.
+    v = jax.lax.broadcasted_iota(k.dtype, shape, len(shape) - 2)
+    u = jax.lax.broadcasted_iota(k.dtype, shape, len(shape) - 1)
     fu = k[..., 0, 0, None, None]
     skew = k[..., 0, 1, None, None]
     cu = k[..., 0, 2, None, None]
@@ -66,9 +75,7 @@ def unproject(camera: Camera, depth_m: Float[Array, "*b h w"]) -> Float[Array, "
     cv = k[..., 1, 2, None, None]
     # K is upper triangular: solved from the bottom row up.
     y = (v - cv) / fv
-    x = (u - cu - skew * y) / fu
-    cam = jnp.stack([x * depth_m, y * depth_m, depth_m], axis=-1).reshape(*batch, height * width, 3)
-    return transform(invert(camera.cam_from_velo), cam).reshape(*batch, height, width, 3)
+    return (u - cu - skew * y) / fu, y
 
 
 def camera_from_projection(projection: Float[np.ndarray, "3 4"], cam0_from_velo: Float[np.ndarray, "4 4"]) -> Camera:
@@ -94,6 +101,28 @@ def crop_camera(camera: Camera, top: int, left: int) -> Camera:
     shift = np.zeros(camera.intrinsics.shape, np.float32)
     shift[..., 0, 2], shift[..., 1, 2] = left, top
     return replace(camera, intrinsics=camera.intrinsics - shift)
+
+
+def crop_offsets(size: tuple[int, int], crop: tuple[int, int]) -> tuple[int, int]:
+    """Rows above and columns to the left of the bottom and middle part of an image: what depth completion networks see
+    of KITTI's (PENet: 352 x 1216). Raises ValueError where the image is smaller; sizes are (h, w)."""
+    if size[0] < crop[0] or size[1] < crop[1]:
+        raise ValueError(f"the image is {size[1]} x {size[0]}, smaller than the crop of {crop[1]} x {crop[0]}")
+    return size[0] - crop[0], round((size[1] - crop[1]) / 2)
+
+
+def crop_depth_frame(frame: DepthFrame, crop: tuple[int, int]) -> DepthFrame:
+    """The bottom and middle part of a frame (host). Raises ValueError where it is smaller, as `crop_offsets`."""
+    return cut_depth_frame(frame, *crop_offsets(frame.truth_m.shape, crop), size=crop)
+
+
+def cut_depth_frame(frame: DepthFrame, top: int, left: int, *, size: tuple[int, int]) -> DepthFrame:
+    """So many rows and columns of a frame (host), from a row and a column on, with the camera of that part."""
+    part = np.s_[top : top + size[0], left : left + size[1]]
+    intrinsics = np.array(frame.intrinsics, np.float32)
+    intrinsics[:2, 2] -= left, top  # the principal point moves by what is cut off
+    rasters = (frame.rgb, frame.sparse_m, frame.given, frame.truth_m, frame.known)
+    return DepthFrame(*[np.asarray(raster)[part] for raster in rasters], intrinsics=intrinsics)
 
 
 def camera_window(camera: Camera, size: tuple[int, int], spec: LidarSpec, *, columns: int) -> PolarGrid:

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from jaxsim.geometry.beams import NoBeams
+from jaxsim.geometry.beams import ENOUGH_POINTS, NoBeams
 
 _POINTS = 4000
 """As many as are fitted: more change nothing."""
@@ -28,14 +28,12 @@ def fit_mount(
     """`cloud_from_sensor` of a cloud whose rings are known, and the degrees by which points miss their beams (median).
 
     Seen from the sensor, and with its axis upright, each ring's points have one elevation. Robust least squares of the
-    place (from `near_m` on, metres), roll and pitch that make it so; a spinning sensor's yaw shows in no elevation
-    and is
-    left at 0. Raises NoBeams where no place does.
+    place (from `near_m` on, metres), roll and pitch that make it so; a spinning sensor's yaw shows in no elevation and
+    is left at 0. Raises NoBeams where no place does.
     """
-    counts = np.bincount(ring)
-    known = np.flatnonzero(counts >= 30)
+    known = np.flatnonzero(np.bincount(ring) >= ENOUGH_POINTS)
     if len(known) < _LEAST_RINGS:
-        raise NoBeams(f"{len(known)} rings have 30 points or more; a mounting is fitted to {_LEAST_RINGS}")
+        raise NoBeams(f"{len(known)} rings have {ENOUGH_POINTS} points or more; a mounting is fitted to {_LEAST_RINGS}")
     chosen = np.flatnonzero(np.isin(ring, known))
     # Evenly over all points: the first ones would see one side of the street alone.
     chosen = chosen[np.linspace(0, len(chosen) - 1, min(_POINTS, len(chosen))).astype(int)]
@@ -47,8 +45,7 @@ def fit_mount(
         return np.arctan2(seen[:, 2], np.hypot(seen[:, 0], seen[:, 1]))
 
     def misses(p: np.ndarray) -> np.ndarray:
-        elevation = elevations(p[:5])
-        return elevation - p[5:][group]
+        return elevations(p[:5]) - p[5:][group]
 
     columns = np.eye(len(known))[group]
 
@@ -74,9 +71,8 @@ def fit_mount(
     off_deg = float(np.rad2deg(np.median(np.abs(misses(fit.x)))))
     if off_deg > _FITS_DEG:
         raise NoBeams(
-            f"from no one place do the rings look like beams (points miss them by {off_deg:.2f} degrees, "
-            f"median): several "
-            "sensors in one cloud, or rings that are no beams"
+            f"from no one place do the rings look like beams (points miss them by {off_deg:.2f} degrees, median): "
+            "several sensors in one cloud, or rings that are no beams"
         )
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("xy", fit.x[3:5]).as_matrix()

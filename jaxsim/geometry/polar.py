@@ -26,6 +26,7 @@ FILLED_TO = 2**15
 _NOTHING = 2**31 - 1
 _TAN_PI_8 = 0.41421356
 _TINY = 1e-30
+_STEEPEST_RAD = math.pi / 2 - 1e-6
 
 
 def _step_rad(grid: PolarGrid) -> Float[Array, ""]:
@@ -223,6 +224,13 @@ def with_neighbours(grid: PolarGrid) -> PolarGrid:
     return PolarGrid(grid.azimuth_rad, elevation_rad, origin_m)
 
 
+def beam_slopes(grid: PolarGrid) -> Float[Array, " rows"]:
+    """Tangent of each beam's elevation. A beam at the zenith or past it, as the neighbour of a dome's top beam is, goes
+    as steeply up as a float tells, and so at the nadir: their tangents would change sign, and no row could be counted.
+    """
+    return jnp.tan(jnp.clip(grid.elevation_rad, -_STEEPEST_RAD, _STEEPEST_RAD))
+
+
 @jax.jit
 def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"]:
     """The beam that passes nearest in angle, each seen from its own origin, however far off.
@@ -234,7 +242,7 @@ def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"
     y = xyz_m[..., 1]
     z = xyz_m[..., 2]
     rho = jnp.sqrt(x * x + y * y)
-    slope = jnp.tan(grid.elevation_rad)
+    slope = beam_slopes(grid)
     ce = jnp.cos(grid.elevation_rad)
     se = jnp.sin(grid.elevation_rad)
     # How many beams pass above tells the two nearest ones; unrolled, the count is one loop over the points.
@@ -275,8 +283,8 @@ def room_for(points: int, multiple: int = FILLED_TO) -> int:
 def scan_on_window(cloud: Cloud, grid: PolarGrid, row_share: Float[np.ndarray, " rows"], *, lines: int) -> PolarImage:
     """The image of a sweep on a window of its sensor's lines (host memory).
 
-    `cloud.row` counts from the sensor's top line, of `lines` in all; `place` is each of the window's beams among them,
-    0 the top line and 1 the bottom one. Raises ValueError for a cloud without rows.
+    `cloud.row` counts from the sensor's top line, of `lines` in all; `row_share` is each of the window's beams among
+    them, 0 the top line and 1 the bottom one. Raises ValueError for a cloud without rows.
     """
     if cloud.row is not None:
         # The grid's rows count from the window's own first line.

@@ -1,4 +1,4 @@
-"""Rasters of a camera: what they can be, whoever gives them.
+"""Rasters of a camera: what they can be, whoever gives them; and the pixel nearest to each of which something is known.
 
 `python benchmarks/speed/rasters.py`: of a view of 1242 x 375 in host memory one core looks at shapes and types in 7 us
 (`check_shapes`), at values too in 0.2 ms (`check_rasters`).
@@ -9,9 +9,11 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
+import cv2
 import jax
 import numpy as np
 from jax.core import Tracer
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import CLASSES, CameraFrame
 
@@ -208,7 +210,8 @@ def _times(shape: tuple[int, ...]) -> str:
 def all_within(values: np.ndarray, low: int | float, high: int | float) -> bool:
     """Whether all values are finite and in the interval."""
     finite = values.dtype.kind in "iub" or np.isfinite(values).all()
-    return bool(finite and values.min(initial=low) >= low and values.max(initial=high) <= high)
+    # Numbers of Python: not every type of the raster can be compared with every end.
+    return not values.size or bool(finite and values.min().item() >= low and values.max().item() <= high)
 
 
 def span_in_words(values: np.ndarray) -> str:
@@ -216,3 +219,16 @@ def span_in_words(values: np.ndarray) -> str:
     known = values[np.isfinite(values)]
     told = f"{known.min():g}..{known.max():g}" if known.size else "nothing"
     return told if known.size == values.size else f"{told}, {values.size - known.size} of {values.size} NaN or infinite"
+
+
+def nearest_known(known: Bool[np.ndarray, "h w"]) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
+    """How many pixels each lies from the nearest known one, and that one's place in the raveled raster; 0 where none
+    is."""
+    away_px, label = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    # Every known pixel has a label of its own, which the pixels nearest to it share.
+    label = np.asarray(label, np.int64)
+    place = np.zeros(int(label.max()) + 1, np.int64)
+    place[label[known]] = np.flatnonzero(known)
+    return np.asarray(away_px), place[label]

@@ -74,8 +74,8 @@ def recover_rows(
     if not np.isfinite(xyz).all():
         bad = int((~np.isfinite(xyz).all(axis=1)).sum())
         raise ValueError(f"recover_rows: {bad} of {len(xyz)} points are not finite; remove them first")
-    elevation = _elevation_deg(xyz)
-    azimuth = _azimuth_deg(xyz)
+    elevation = np.rad2deg(np.arctan2(xyz[:, 2].astype(np.float64), np.hypot(xyz[:, 0], xyz[:, 1])))
+    azimuth = np.rad2deg(np.arctan2(xyz[:, 1].astype(np.float64), xyz[:, 0])) % 360
     starts = _line_starts(azimuth, elevation)
     line = np.cumsum(starts, dtype=np.int32) - 1
     count = int(line[-1]) + 1
@@ -89,8 +89,8 @@ def recover_rows(
     if spec is None:
         _check_direction(azimuth)
         return in_order
-    row = in_order if count == lines else _rows_by_beams(xyz, starts, spec)
     nearest, miss_deg = nearest_beams(xyz, spec)
+    row = in_order if count == lines else _rows_by_beams(azimuth, starts, nearest, spec=spec)
     if (miss_deg < _ON_BEAM_DEG).mean() > _ALL_ON_BEAMS:
         return row if (row == nearest).mean() > _AGREE else nearest
     _check_direction(azimuth)
@@ -119,10 +119,6 @@ def _check_beams(row: Int[np.ndarray, " n"], nearest: Int[np.ndarray, " n"], spe
         )
 
 
-def _azimuth_deg(xyz: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    return np.rad2deg(np.arctan2(xyz[:, 1].astype(np.float64), xyz[:, 0])) % 360
-
-
 def _line_starts(azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     step = np.diff(azimuth)
     starts = np.zeros(len(azimuth), bool)
@@ -146,10 +142,6 @@ def _line_starts(azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, 
     return starts
 
 
-def _elevation_deg(xyz: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    return np.rad2deg(np.arctan2(xyz[:, 2].astype(np.float64), np.hypot(xyz[:, 0], xyz[:, 1])))
-
-
 def _check_elevations(elevation: Float[np.ndarray, " n"], line: Int[np.ndarray, " n"]) -> None:
     groups = np.split(elevation, np.flatnonzero(np.diff(line)) + 1)
     middle = np.array([np.median(group) for group in groups])
@@ -168,18 +160,18 @@ def _check_elevations(elevation: Float[np.ndarray, " n"], line: Int[np.ndarray, 
 
 
 def _rows_by_beams(
-    xyz: Float[np.ndarray, "n 3"], starts: Bool[np.ndarray, " n"], spec: LidarSpec
+    azimuth: Float[np.ndarray, " n"], starts: Bool[np.ndarray, " n"], nearest: Int[np.ndarray, " n"], *, spec: LidarSpec
 ) -> Int[np.ndarray, " n"]:
     """Cheapest rows of the pieces between jumps, growing at every start of a line and never falling.
 
     At jumps forward, too, a line may end: where one has no points to the right and the next none to the left.
     """
-    jumps = starts | (np.diff(_azimuth_deg(xyz), prepend=0) > _JUMP_DEG)
+    jumps = starts | (np.diff(azimuth, prepend=0) > _JUMP_DEG)
     piece = np.cumsum(jumps) - 1
     # Whether a piece begins with a jump back, where a new line must start.
     firm = starts[np.searchsorted(piece, np.arange(piece[-1] + 1))]
     votes = np.zeros((len(firm), spec.rows))
-    np.add.at(votes, (piece, rows_by_elevation(xyz, spec)), 1)
+    np.add.at(votes, (piece, nearest), 1)
     rows = np.arange(spec.rows)
     # Cost of a piece in each row: how many beams its points lie off, summed.
     misses = votes @ np.minimum(np.abs(rows[:, None] - rows), _WIDE_MISS)
@@ -200,10 +192,10 @@ def _rows_by_beams(
     path = [int(np.argmin(total))]
     for source in reversed(came_from):
         path.append(int(source[path[-1]]))
-    if total.min() > len(xyz) * _WIDE_MISS / 2:
+    if total.min() > len(nearest) * _WIDE_MISS / 2:
         raise UnorderedCloud(
-            f"the {int(starts.sum())} laser lines found lie {total.min() / len(xyz):.1f} or more beams off those of "
-            f"{spec.name} on average: is it that sensor, in its own frame?"
+            f"the {int(starts.sum())} laser lines found lie {total.min() / len(nearest):.1f} or more beams off those "
+            f"of {spec.name} on average: is it that sensor, in its own frame?"
         )
     return np.asarray(path[::-1], np.int32)[piece]
 

@@ -75,13 +75,26 @@ _HDL64E_DEG = """
 _HDL64E_M = (*np.linspace(0.210, 0.198, 32), *np.linspace(0.126, 0.115, 32))
 
 
-def _even(top_deg: float, bottom_deg: float, rows: int) -> tuple[float, ...]:
-    return tuple(float(e) for e in np.linspace(top_deg, bottom_deg, rows).round(4))
+def _bytes(
+    name: str,
+    elevation_deg: tuple[float, float],
+    rows: int,
+    *,
+    columns: int,
+    seen_m: tuple[float, float],
+    step_m: float,
+    mount_m: float,
+) -> LidarSpec:
+    """A sensor with one origin, whose beams are spaced evenly from top to bottom and whose intensity is a byte."""
+    even = tuple(float(e) for e in np.linspace(*elevation_deg, rows).round(4))
+    return LidarSpec(
+        *(name, even, (0.0,) * rows, columns, *seen_m), range_step_m=step_m, intensity_step=1 / 255, mount_m=mount_m
+    )
 
 
-PRESETS: dict[str, LidarSpec] = {
+_SENSORS = (
     # As KITTI drives it: 10 Hz, intensity in hundredths. Its files step by 0.1794 degrees: 2007 firings a turn.
-    "hdl64e": LidarSpec(
+    LidarSpec(
         name="hdl64e",
         elevation_deg=tuple(float(e) for e in _HDL64E_DEG.split()),
         origin_m=tuple(round(float(h), 5) for h in _HDL64E_M),
@@ -93,41 +106,12 @@ PRESETS: dict[str, LidarSpec] = {
         mount_m=1.73,
     ),
     # As nuScenes drives it: 20 Hz, a firing every 46.08 us.
-    "hdl32e": LidarSpec(
-        name="hdl32e",
-        elevation_deg=_even(10.67, -30.67, 32),
-        origin_m=(0.0,) * 32,
-        columns=1085,
-        min_range_m=1.0,
-        max_range_m=100.0,
-        range_step_m=0.002,
-        intensity_step=1 / 255,
-        mount_m=1.84,
-    ),
+    _bytes("hdl32e", (10.67, -30.67), 32, columns=1085, seen_m=(1.0, 100.0), step_m=0.002, mount_m=1.84),
     # 10 Hz, a firing every 55.296 us.
-    "vlp16": LidarSpec(
-        name="vlp16",
-        elevation_deg=_even(15.0, -15.0, 16),
-        origin_m=(0.0,) * 16,
-        columns=1808,
-        min_range_m=0.5,
-        max_range_m=100.0,
-        range_step_m=0.002,
-        intensity_step=1 / 255,
-        mount_m=1.8,
-    ),
-    "os1_128": LidarSpec(
-        name="os1_128",
-        elevation_deg=_even(22.5, -22.5, 128),
-        origin_m=(0.0,) * 128,
-        columns=1024,
-        min_range_m=0.3,
-        max_range_m=170.0,
-        range_step_m=0.001,
-        intensity_step=1 / 255,
-        mount_m=1.8,
-    ),
-}
+    _bytes("vlp16", (15.0, -15.0), 16, columns=1808, seen_m=(0.5, 100.0), step_m=0.002, mount_m=1.8),
+    _bytes("os1_128", (22.5, -22.5), 128, columns=1024, seen_m=(0.3, 170.0), step_m=0.001, mount_m=1.8),
+)
+PRESETS: dict[str, LidarSpec] = {spec.name: spec for spec in _SENSORS}
 
 
 def preset(name: str) -> LidarSpec:

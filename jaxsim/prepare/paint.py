@@ -26,6 +26,8 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array, CameraFrame, Painted, PolarGrid
 from jaxsim.geometry import azimuth_of, column_of, resample, unproject, with_neighbours
+from jaxsim.geometry.camera import pixels_at_one
+from jaxsim.geometry.polar import beam_slopes
 
 _NOTHING = 2**31 - 1
 _RELATIVE = 0.1
@@ -157,7 +159,7 @@ def _row_of(rho_m: Float[Array, "*b n"], z_m: Float[Array, "*b n"], grid: PolarG
     and no look-up; unrolled it is one fused loop.
     """
     wider = with_neighbours(grid)
-    slopes, origins = jnp.tan(wider.elevation_rad), wider.origin_m
+    slopes, origins = beam_slopes(wider), wider.origin_m
     rays = [origins[k] + rho_m * slopes[k] for k in range(slopes.shape[0])]
     row = jnp.full(z_m.shape, -2.0)
     above = rays[0] + 1
@@ -226,8 +228,9 @@ def shrink(view: CameraFrame, size: tuple[int, int]) -> Painted:
     # A renderer's sky may be infinitely far: it is as good as empty.
     valid = view.depth_valid & jnp.isfinite(view.depth_m)
     depth_m = jnp.where(valid, view.depth_m, jnp.zeros_like(view.depth_m))
+    x, y = pixels_at_one(view.camera, shape)
     painted = Painted(
-        range_m=depth_m * _stretch(view.camera.intrinsics, depth_m),
+        range_m=depth_m * jnp.sqrt(1 + x * x + y * y),
         depth_m=depth_m,
         rgb=jnp.where(valid[..., None], view.rgb.astype(jnp.float32) / 255, 0),
         semantic=jnp.where(valid, semantic, 0),
@@ -236,18 +239,3 @@ def shrink(view: CameraFrame, size: tuple[int, int]) -> Painted:
         occluded=jnp.zeros(shape, bool),
     )
     return resample(painted, size, batch_dims=lead)
-
-
-def _stretch(intrinsics: Float[Array, "*b 3 3"], depth_m: Float[Array, "*b h w"]) -> Float[Array, "*b h w"]:
-    """Length of each pixel's ray to a plane at depth 1."""
-    v = jax.lax.broadcasted_iota(depth_m.dtype, depth_m.shape, depth_m.ndim - 2)
-    u = jax.lax.broadcasted_iota(depth_m.dtype, depth_m.shape, depth_m.ndim - 1)
-    fu = intrinsics[..., 0, 0, None, None]
-    skew = intrinsics[..., 0, 1, None, None]
-    cu = intrinsics[..., 0, 2, None, None]
-    fv = intrinsics[..., 1, 1, None, None]
-    cv = intrinsics[..., 1, 2, None, None]
-    # u = fu x + skew y + cu and v = fv y + cv, solved for the point (x, y, 1).
-    y = (v - cv) / fv
-    x = (u - cu - skew * y) / fu
-    return jnp.sqrt(1 + x * x + y * y)

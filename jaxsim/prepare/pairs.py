@@ -25,7 +25,8 @@ from jaxsim.geometry import (
     pad_cloud,
     scan_on_window,
 )
-from jaxsim.geometry.rasters import check_rasters
+from jaxsim.geometry.camera import crop_offsets
+from jaxsim.geometry.rasters import all_within, check_array, check_rasters, span_in_words
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
 from jaxsim.prepare.depth import complete_view
@@ -50,13 +51,15 @@ def check_networks(config: PrepareConfig) -> None:
 def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[Pair, PolarGrid]:
     """The pair of a frame (host memory) and its polar window.
 
-    Raises ValueError where the frame lacks what the config asks for: labels, depth, laser lines, image size.
+    Raises ValueError where the frame lacks what the config asks for: labels, depth, laser lines, image size; and where
+    the cloud's intensity is not 0..1, or none of it lies in the window.
     """
     cloud = _measured(frame)
     if cloud.row is None:
         raise ValueError(
             f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, rows_by_elevation)"
         )
+    _check_cloud(frame.name, cloud)
     pair, grid = prepare_view(frame, spec, config)
     measured = scan_on_window(cloud, grid, pair.row_share[:, 0], lines=spec.rows)
     _check_gaps(frame.name, measured.valid)
@@ -184,26 +187,17 @@ def polar_window(
     cropped = crop_camera(camera, *_offsets(size, config.image_crop))
     grid = camera_window(cropped, config.image_crop, spec, columns=config.columns)
     first, stop = camera_rows(cropped, config.image_crop, spec)
-    return grid, (np.arange(first, stop) / (spec.rows - 1)).astype(np.float32)
+    return grid, (np.arange(first, stop) / max(spec.rows - 1, 1)).astype(np.float32)
 
 
 def _offsets(size: tuple[int, int], crop: tuple[int, int]) -> tuple[int, int]:
     """Rows cut off the top and columns off the left."""
-    h, w = size
-    rows, columns = crop
-    if h < rows or w < columns:
-        raise ValueError(
-            f"prepare: the image is {w} x {h}, smaller than the crop of {columns} x {rows}; lower "
-            f"--prepare.image-crop to at most {h} {w}"
-        )
-    return h - rows, round((w - columns) / 2)
+    with placed("prepare", then=f"lower --prepare.image-crop to at most {size[0]} {size[1]}"):
+        return crop_offsets(size, crop)
 
 
 def crop_image(view: CameraFrame, size: tuple[int, int]) -> CameraFrame:
-    """The bottom `size[0]` rows and middle `size[1]` columns of every raster, and the camera of that part.
-
-    Depth completion networks crop KITTI's images so (PENet: 352 x 1216).
-    """
+    """The bottom `size[0]` rows and middle `size[1]` columns of every raster, and the camera of that part."""
     top, left = _offsets(view.rgb.shape[-3:-1], size)
     columns = size[1]
 
@@ -225,15 +219,29 @@ FEWEST_HIT = 0.25
 """Share of the window's columns with a point below which the number of columns alone is not the reason."""
 
 
+def _check_cloud(name: str, cloud: Cloud) -> None:
+    """Raises ValueError for arrays that a compiled program would read as others (`check_array`), and where the
+    intensity to learn is on another scale than 0..1, on which networks are trained."""
+    for array, values in vars(cloud).items():
+        check_array(values, f"prepare: {name}: the cloud's {array}")
+    intensity = np.asarray(cloud.intensity)[np.asarray(cloud.valid)]
+    if not all_within(intensity, 0, 1):
+        raise ValueError(
+            f"prepare: {name}: the cloud's intensity spans {span_in_words(intensity)}; it must lie in 0..1: divide by "
+            "the sensor's full scale (255 for bytes), and mark points without intensity as not valid"
+        )
+
+
 def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
-    """Raises ValueError where empty columns keep alternating with others: the sensor fires too seldom for them."""
+    """Raises ValueError where no column got a point, and where empty ones keep alternating with others: the sensor
+    fires too seldom for them."""
     hit = np.asarray(valid.any(axis=0))
     # Borders from seen to empty columns: a hidden sector has one, gaps between firings have many.
-    if (hit[:-1] & ~hit[1:]).sum() > 0.05 * len(hit):
+    if not hit.any() or (hit[:-1] & ~hit[1:]).sum() > 0.05 * len(hit):
         fewer = round(0.8 * hit.sum())
         if fewer < FEWEST_HIT * len(hit):
             raise ValueError(
-                f"prepare: {name}: only {int(hit.sum())} of the window's {len(hit)} columns got a point, far apart: "
+                f"prepare: {name}: only {int(hit.sum())} of the window's {len(hit)} columns got a point: "
                 "the points lie elsewhere than the camera looks, or the window is far finer than the sensor's azimuth "
                 "step; check the calibration (R and T from LiDAR to camera), or lower --prepare.columns"
             )

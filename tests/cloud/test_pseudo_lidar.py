@@ -129,5 +129,7 @@ def test_predicted_intensity_fills_the_crop_and_leaves_the_border_0():
 
 
 def test_intensity_that_does_not_fit_the_image_is_refused():
-    with pytest.raises(ValueError, match=r"does not fit a crop of 352 x 1216 in an image of 300 x 1000"):
+    with pytest.raises(ValueError, match=r"1000 x 300, smaller than the crop of 1216 x 352; give the size"):
         place_intensity(np.zeros((44, 372), np.float32), (300, 1000), crop=(352, 1216))
+    with pytest.raises(ValueError, match=r"44 x 372 cells does not fit a crop of 352 x 300"):
+        place_intensity(np.zeros((44, 372), np.float32), (375, 1242), crop=(352, 300))

@@ -185,6 +185,8 @@ def test_reduced_clouds_are_found(object_root):
     training = object_root / "training"
     (training / "velodyne").rename(training / "velodyne_reduced")
     assert len(KittiObject(object_root)) == 1
+    (training / "velodyne").mkdir()  # whole ones that are not there yet
+    assert len(KittiObject(object_root)) == 1
 
 
 def test_a_shuffled_cloud_needs_elevations_on_request(object_root):

@@ -147,7 +147,7 @@ def test_bad_input_says_what_to_do(depth, tmp_path):
         KittiDepth(root)
     with pytest.raises(ValueError, match="no part 'test'; known: train, val"):
         KittiDepth(root, raw, part="test")
-    with pytest.raises(ValueError, match="smaller than the crop 352 x 1216"):
+    with pytest.raises(ValueError, match=r"smaller than the crop of 1216 x 352; lower --image-crop"):
         KittiDepth(root, raw)[0]
     grey = tmp_path / "grey.png"
     cv2.imwrite(str(grey), np.zeros((4, 4), np.uint8))

@@ -23,7 +23,7 @@ def test_grid_without_elevation_is_named(tmp_path):
     [
         ({"intensity": None}, "lacks intensity"),
         ({"intensity": np.full((3, 5), 128.0)}, "must lie in 0..1"),
-        ({"intensity": np.zeros((2, 5))}, "both must be"),
+        ({"intensity": np.zeros((2, 5))}, r"intensity is \(2, 5\), range \(3, 5\)"),
         (
             {"intensity": np.where(np.arange(15) == 7, np.nan, 0.5).reshape(3, 5)},
             r"0\.5\.\.0\.5, 1 of 15 NaN or infinite",
@@ -56,6 +56,8 @@ WORDS = np.full((3, 5), "road")
         ("semantic", np.full((3, 5), np.nan), "whole numbers"),
         ("instance", np.full((3, 5), 1.5), "whole numbers"),
         ("instance", np.full((3, 5), 2**33), "ids are numbers of 32 bits: count"),
+        ("instance", np.full((3, 5), 3e9, np.float32), "ids are numbers of 32 bits: count"),
+        ("instance", np.full((3, 5), 2**40, np.uint64), "ids are numbers of 32 bits: count"),
         ("incidence", np.ones((3, 5, 2)), r"incidence is \(3, 5, 2\)"),
         ("incidence", np.full((3, 5), 80.0), "in radians, 0 head on to pi/2"),
         ("incidence", np.full((3, 5), np.nan), "incidence spans nothing, 15 of 15 NaN or infinite"),

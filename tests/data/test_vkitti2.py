@@ -145,8 +145,10 @@ def test_boxes_are_of_vehicles_that_are_seen_and_never_wholly_visible(dataset, v
 
 
 def test_configs_choose_scene_variation_camera_and_lidar(virtual):
-    config = DataConfig(kind="vkitti2", root=virtual.root, scenes=ONE, variations=("clone", "fog"), camera=1)
+    variations = ("clone", "fog", "clone")
+    config = DataConfig(kind="vkitti2", root=virtual.root, scenes=ONE, variations=variations, camera=1)
     dataset = open_dataset(config)
+    assert len(dataset) == 4
     assert [dataset.name_of(i) for i in (0, 3)] == ["Scene01-clone-Camera_1-00000", "Scene01-fog-Camera_1-00001"]
     assert {dataset[i].scene for i in range(4)} == {"Scene01"}
 

@@ -62,6 +62,11 @@ def test_projection_follows_the_matrices_and_unproject_undoes_it(seed):
     assert uv == pytest.approx(pixel[:, :2] / pixel[:, 2:], abs=1e-3)
 
 
+def test_depth_in_half_precision_counts_all_pixels_of_a_wide_image():
+    depth = np.full((2, 3840), 16, np.float32)
+    np.testing.assert_array_equal(unproject(CAMERA, depth.astype(np.float16)), unproject(CAMERA, depth))
+
+
 def test_points_behind_the_camera_have_no_pixel():
     uv, depth = project(CAMERA, np.array([[-5, 0, 0], [0.3, 1, 0], [5, 0, 0]], np.float32))
     assert np.isnan(uv[:2]).all()

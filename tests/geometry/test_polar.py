@@ -24,6 +24,7 @@ from jaxsim.geometry import (
     scan_on_window,
     scatter_nearest,
     window_grid,
+    with_neighbours,
 )
 from tests.geometry.kitti_scans import CROP, OBJECT, RAW, cropped_camera, points
 
@@ -282,6 +283,16 @@ def test_the_counted_beam_is_the_nearest(seed):
             best = off.min(axis=1)
             assert np.take_along_axis(off, got[:, None], 1)[:, 0] == pytest.approx(best, abs=1e-6)
             assert (got == rows_by_elevation(frame, spec)).mean() > 0.98
+
+
+@pytest.mark.parametrize(("top_deg", "bottom_deg"), [(89.65, 0.35), (10, -89.9)])
+def test_beams_of_a_dome_are_counted_up_to_the_zenith(top_deg, bottom_deg):
+    elevation = np.deg2rad(np.linspace(top_deg, bottom_deg, 41)).astype(np.float32)
+    dome = PolarGrid(WINDOW.azimuth_rad, elevation, np.zeros(41, np.float32))
+    away = np.full((41, len(WINDOW.azimuth_rad)), 10, np.float32)
+    cloud = polar_to_points(PolarImage(away, 0 * away, away > 0), dome)
+    for grid, before in ((dome, 0), (with_neighbours(dome), 1)):
+        np.testing.assert_array_equal(rows_of(cloud.xyz_m, grid) - before, cloud.row)
 
 
 def test_rasters_of_different_sizes_are_refused():

@@ -9,7 +9,7 @@ import pytest
 
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import CameraFrame
-from jaxsim.geometry.rasters import check_metres, check_rasters, check_shapes, on_host
+from jaxsim.geometry.rasters import check_metres, check_rasters, check_shapes, nearest_known, on_host
 
 SIZE = (48, 64)
 
@@ -136,3 +136,16 @@ def test_distances_are_metres():
 def test_what_lies_on_the_host_is_known():
     assert on_host(view())
     assert on_host(jax.tree.map(jnp.asarray, view()))
+
+
+def test_the_nearest_known_pixel_is_told_with_its_distance():
+    known = np.zeros((6, 9), bool)
+    known[1, 2] = known[4, 7] = True
+    away_px, place = nearest_known(known)
+    here = np.stack(np.mgrid[:6, :9], -1)[:, :, None]
+    exact = np.linalg.norm(here - np.argwhere(known), axis=-1)
+    assert away_px == pytest.approx(exact.min(-1), rel=0.05)
+    chosen = np.take_along_axis(exact, (place == 4 * 9 + 7)[..., None].astype(int), -1)[..., 0]
+    assert (chosen - exact.min(-1)).max() < 0.1
+    assert {*place.ravel()} == {1 * 9 + 2, 4 * 9 + 7}
+    assert not nearest_known(np.zeros((3, 4), bool))[1].any()

@@ -5,7 +5,7 @@ from jaxsim.prepare.depth import METHODS, complete_depth, through_points
 
 
 def test_an_unknown_method_is_answered_with_the_known_ones():
-    with pytest.raises(ValueError, match="ip_basic, ip_basic_fast, penet"):
+    with pytest.raises(ValueError, match="known: ip_basic, ip_basic_fast; penet also takes the image"):
         complete_depth(np.ones((8, 8), np.float32), np.ones((8, 8), bool), "cspn")
 
 

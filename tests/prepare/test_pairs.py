@@ -7,7 +7,7 @@ from jaxsim.config import PenetConfig, PrepareConfig
 from jaxsim.data import KittiObject, KittiRaw
 from jaxsim.frame import Camera, CameraFrame, Cloud, Frame, Pair, PolarImage
 from jaxsim.geometry import polar_to_points, preset, window_grid
-from jaxsim.prepare import crop_image, denoise, prepare_frame
+from jaxsim.prepare import crop_image, denoise, polar_window, prepare_frame
 from jaxsim.prepare.denoise.lidia import Variant, from_published, published_shapes, save_lidia
 from jaxsim.prepare.depth.penet import save_penet
 from jaxsim.prepare.depth.penet.training import create_state
@@ -74,6 +74,13 @@ def test_camera_and_lidar_agree_and_every_line_keeps_its_row():
     assert all(isinstance(leaf, np.ndarray) for leaf in (pair.target, painted.rgb, grid.azimuth_rad))
 
 
+def test_a_window_of_a_single_beam_has_a_place_for_it():
+    one = replace(SPEC, elevation_deg=(-3.0,), origin_m=(0.0,))
+    grid, row_share = polar_window(frame().camera.camera, SIZE, one, config=CONFIG)
+    assert len(grid.elevation_rad) == 1
+    np.testing.assert_array_equal(row_share, [0.0])
+
+
 def test_cells_without_return_have_no_target():
     one = frame()
     valid = one.cloud.valid & (np.arange(len(one.cloud.valid)) % 900 < 450)
@@ -122,7 +129,7 @@ def test_a_target_by_lidia_is_the_measurement_denoised(lidia):
 
 def test_a_scan_of_which_nothing_came_back_is_named(lidia):
     lost = replace(frame(), cloud=replace(frame().cloud, valid=np.zeros_like(frame().cloud.valid)))
-    with pytest.raises(ValueError, match="street-7: lidia: an image has not one cell whose beam came back"):
+    with pytest.raises(ValueError, match=r"street-7: only 0 of the window's 93 columns got a point"):
         prepare_frame(lost, SPEC, lidia)
     with pytest.raises(ValueError, match="street-7: depth: not one pixel has depth"):
         prepare_frame(lost, SPEC, replace(CONFIG, depth="ip_basic"))
@@ -150,6 +157,8 @@ def test_what_the_frame_lacks_is_named():
     sparse = replace(one, cloud=one.cloud.replace(valid=one.cloud.valid & (nth % 10 == 0)))
     scattered = replace(one, cloud=one.cloud.replace(valid=one.cloud.valid & (nth % 30 == 0)))
     behind = replace(one, cloud=one.cloud.replace(xyz_m=-one.cloud.xyz_m))
+    swapped = replace(one, cloud=one.cloud.replace(xyz_m=one.cloud.xyz_m.astype(">f4")))
+    bytes_of = replace(one, cloud=one.cloud.replace(intensity=np.round(255 * one.cloud.intensity).astype(np.uint8)))
     for broken, config, message in [
         (no_rows, CONFIG, "street-7: the cloud has no laser lines"),
         (_without(one, depth_m=None, depth_valid=None), CONFIG, r"street-7: .*no depth; .*--prepare\.depth ip_basic"),
@@ -158,7 +167,10 @@ def test_what_the_frame_lacks_is_named():
         (_without(one, semantic=None), replace(CONFIG, inputs=("edges",)), "--prepare.inputs rgb depth row"),
         (one, replace(CONFIG, image_crop=(352, 1216)), "310 x 94, smaller than the crop of 1216 x 352"),
         (sparse, CONFIG, r"columns, all over it, got no point: .*lower --prepare\.columns to about"),
-        (scattered, CONFIG, r"columns got a point, far apart: .*check the calibration \(R and T"),
+        (scattered, CONFIG, r"columns got a point: .*check the calibration \(R and T"),
+        (behind, CONFIG, r"only 0 of the window's 93 columns got a point: .*check the calibration"),
+        (swapped, CONFIG, r"street-7: the cloud's xyz_m holds >f4, bytes in the order of another machine"),
+        (bytes_of, CONFIG, r"street-7: the cloud's intensity spans 0\.\.161; it must lie in 0\.\.1: divide by"),
         (behind, replace(CONFIG, depth="ip_basic"), "street-7: depth: not one pixel has depth"),
     ]:
         with pytest.raises(ValueError, match=message):

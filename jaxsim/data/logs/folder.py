@@ -183,6 +183,12 @@ def _sweep(scan: LogScan | Sweep, sensor: Sensor | None, grid: PolarGrid, *, opt
         if sensor is None:
             raise ValueError(f"{by}: {scan.name} is a cloud, and the scans before had a grid of their own")
         return to_sweep(_of_rings(scan, options), sensor, options, by=by)
+    ignored = [name for name in ("rings", "lines", "sensor", "mount") if getattr(options, name)]
+    if ignored:
+        raise ValueError(
+            f"{by}: --log.{ignored[0]} is for logs of points, and {scan.name} comes on the grid of its sensor's own "
+            "beams; leave it out"
+        )
     if not same_grid(scan.grid, grid):
         raise ValueError(
             f"{by}: the beams or columns of {scan.name} are not those of the first scan; write each sensor, and each "

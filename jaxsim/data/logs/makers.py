@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsim.data.clouds import compensated_spec, read_scan
+from jaxsim.data.clouds import SENSOR, compensated_spec, read_scan
 from jaxsim.data.kitti import SCANS
 from jaxsim.data.kitti_files import scan_time
 from jaxsim.data.logs.argoverse2 import argoverse2_items
@@ -46,9 +46,12 @@ def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
 
 def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
     """Scans of KITTI's raw drives, object and odometry benchmarks: every .bin of a `velodyne` folder below.
-    SemanticKITTI's labels beside them become classes and objects."""
+    SemanticKITTI's labels beside them become classes and objects. A point is of the nearest beam where the sensor was
+    named, else of the line that its place in the file says."""
     files = kitti_files(path)
-    rows = "elevation" if options.lines else "file_order"
+    if options.sensor not in ("", SENSOR):
+        raise ValueError(f"kitti: --log.sensor is {options.sensor!r}; these scans are of {SENSOR}")
+    rows = "elevation" if options.sensor or options.lines else "file_order"
 
     def read(file: Path, *, name: str, scene: str) -> LogScan:
         time_s = scan_time(_times_beside(file), int(file.stem)) if file.stem.isdecimal() else None

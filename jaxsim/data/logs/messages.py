@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import lzma
 from collections.abc import Iterator
-from os import SEEK_CUR
+from os import SEEK_CUR, fstat
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -129,7 +129,9 @@ def mcap_topics(path: Path) -> dict[str, str]:
     make_reader = need("mcap.reader", "ros", by="ros").make_reader
     hint = "it is cut off or damaged: `mcap recover` mends what can be mended"
     with reading("ros", path, hint), path.open("rb") as file:
-        _check_records(file, path.stat().st_size)
+        file.seek(len(_MCAP_MAGIC))
+        _check_records(file, kind=1, length=8)
+        file.seek(0)
         summary = make_reader(file).get_summary()
         if summary is None:
             raise ValueError("it has no summary")
@@ -139,33 +141,23 @@ def mcap_topics(path: Path) -> dict[str, str]:
         }
 
 
-def _check_records(file: BinaryIO, size: int) -> None:
-    """Raises ValueError where a record of an MCAP is longer than what is there, for which room would be made."""
-    file.seek(len(_MCAP_MAGIC))
-    while len(head := file.read(9)) == 9:  # the kind, and the length of what follows
-        length = int.from_bytes(head[1:], "little")
-        if file.tell() + length > size:
-            raise ValueError(f"a record promises {length} bytes where {size - file.tell()} are left")
-        file.seek(length, SEEK_CUR)
-    file.seek(0)
-
-
-def _check_bag(path: Path) -> None:
-    """Raises ValueError where the head or the data of a ROS 1 bag's record is longer than what is there."""
-    with path.open("rb") as file:
-        size = path.stat().st_size
-        file.readline()  # the version
-        while len(head := file.read(4)) == 4:
-            length = int.from_bytes(head, "little")
-            if file.tell() + length > size:
-                raise ValueError(f"a record promises {length} bytes where {size - file.tell()} are left")
-            file.seek(length, SEEK_CUR)
+def _check_records(file: BinaryIO, *, kind: int, length: int) -> None:
+    """Raises ValueError where a record is longer than what is there, for which room would be made: so many bytes say
+    its kind, and then so many the length of what follows."""
+    size = fstat(file.fileno()).st_size
+    while len(head := file.read(kind + length)) == kind + length:
+        promised = int.from_bytes(head[kind:], "little")
+        if file.tell() + promised > size:
+            raise ValueError(f"a record promises {promised} bytes where {size - file.tell()} are left")
+        file.seek(promised, SEEK_CUR)
 
 
 def _bag_messages(path: Path, options: LogOptions) -> Iterator[Any]:
     any_reader = need("rosbags.highlevel", "ros", by="ros").AnyReader
     if path.suffix == ".bag":
-        _check_bag(path)
+        with path.open("rb") as file:
+            file.readline()  # the version
+            _check_records(file, kind=0, length=4)  # heads of records, and their data
     with any_reader([path]) as bag:
         topic = _one_topic(path, {c.topic: c.msgtype for c in bag.connections}, options)
         for connection, _, raw in bag.messages(connections=[c for c in bag.connections if c.topic == topic]):

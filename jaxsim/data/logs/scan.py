@@ -139,12 +139,13 @@ def reading(by: str, path: Path, hint: str) -> Iterator[None]:
     with naming_log(by, path):
         try:
             yield
-        except (ValueError, ModuleNotFoundError) as error:
-            if str(error).startswith(f"{by}:") or isinstance(error, ModuleNotFoundError):
-                raise
-            raise ValueError(f"{by}: {path} cannot be read ({_words(error)}); {hint}") from error
         except Exception as error:  # libraries of formats have no common base for their errors
-            raise ValueError(f"{by}: {path} cannot be read ({_words(error)}); {hint}") from error
+            told = isinstance(error, ValueError) and str(error).startswith(f"{by}:")
+            if told or isinstance(error, ModuleNotFoundError):
+                raise
+            first = (str(error).strip() or "no message").splitlines()[0]
+            words = f"{type(error).__name__}: {first[:200]}"
+            raise ValueError(f"{by}: {path} cannot be read ({words}); {hint}") from error
 
 
 @contextmanager
@@ -156,11 +157,6 @@ def naming_log(by: str, path: Path) -> Iterator[None]:
         if str(path) in str(error):
             raise
         raise ValueError(f"{by}: {path}: {str(error).removeprefix(f'{by}: ')}") from error
-
-
-def _words(error: BaseException) -> str:
-    first = (str(error).strip() or "no message").splitlines()[0]
-    return f"{type(error).__name__}: {first[:200]}"
 
 
 def scan_of_fields(
@@ -183,7 +179,7 @@ def scan_of_fields(
     if missing:
         raise ValueError(
             f"{by}: {where} has no field {', '.join(missing)}; it has {', '.join(values) or 'none'}: a cloud "
-            f"has x, y, z"
+            "has x, y, z"
         )
     key = options.intensity or next((known for known in INTENSITY if known in values), "")
     if key not in values:

@@ -7,6 +7,8 @@ it. The grid of g is dense by the car and coarse far ahead.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -80,39 +82,38 @@ def lit(
     py = y + lift * normal[1]
     pz = at[2] + lift * normal[2]
     # Along the sun's ray down to the ground, on which the map has its heights.
-    row, column = map_place(
-        px - light.sun[0] / light.sun[2] * pz, py - light.sun[1] / light.sun[2] * pz, shadows.height_m.shape
-    )
-    i, j = jnp.floor(row), jnp.floor(column)
-    share = jnp.zeros_like(x)
-    for down in (0, 1):
-        for across in (0, 1):
-            weight = jnp.abs(1.0 - down - (row - i)) * jnp.abs(1.0 - across - (column - j))
-            stopped = _at(shadows.height_m, i + down, j + across)
-            share = share + weight * jnp.where(stopped > pz + 0.05, 0.0, 1.0)
-    return share
+    gx, gy = px - light.sun[0] / light.sun[2] * pz, py - light.sun[1] / light.sun[2] * pz
+    return _mean_of_four(shadows.height_m, gx, gy, what=lambda stopped: jnp.where(stopped > pz + 0.05, 0.0, 1.0))
 
 
 @jax.jit
 def open_sky(shadows: Shadows, at: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
     """Share of the sky that flat ground sees past what stands on it; 1 for all that stands."""
-    row, column = map_place(at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1], shadows.covered.shape)
-    i, j = jnp.floor(row), jnp.floor(column)
-    hidden = jnp.zeros_like(row)
-    for down in (0, 1):
-        for across in (0, 1):
-            weight = jnp.abs(1.0 - down - (row - i)) * jnp.abs(1.0 - across - (column - j))
-            hidden = hidden + weight * _at(shadows.covered, i + down, j + across)
+    x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
+    hidden = _mean_of_four(shadows.covered, x, y, what=lambda covered: covered)
     # A map over the ground tells of the ground alone; walls have the sky that their normals see.
     low = (normal[2] > 0.99) & (at[2] < 0.3)
     return jnp.where(low, 1.0 - hidden, 1.0)
 
 
-def _at(values: Float[Array, "down across"], row: Float[Array, "*r"], column: Float[Array, "*r"]):
-    down, across = values.shape
-    i = jnp.clip(row.astype(jnp.int32), 0, down - 1)
-    j = jnp.clip(column.astype(jnp.int32), 0, across - 1)
-    return values.reshape(-1)[i * across + j]
+def _mean_of_four(
+    values: Float[Array, "down across"],
+    x: Float[Array, "*r"],
+    y: Float[Array, "*r"],
+    *,
+    what: Callable[[Float[Array, "*r"]], Float[Array, "*r"]],
+) -> Float[Array, "*r"]:
+    """Mean of what `what` makes of a map's values, over the four cells around each place, the nearer counting more."""
+    row, column = map_place(x, y, values.shape)
+    i, j = jnp.floor(row), jnp.floor(column)
+    total = jnp.zeros_like(row)
+    for down in (0, 1):
+        for across in (0, 1):
+            weight = jnp.abs(1.0 - down - (row - i)) * jnp.abs(1.0 - across - (column - j))
+            k = jnp.clip((i + down).astype(jnp.int32), 0, values.shape[0] - 1)
+            m = jnp.clip((j + across).astype(jnp.int32), 0, values.shape[1] - 1)
+            total = total + weight * what(values.reshape(-1)[k * values.shape[1] + m])
+    return total
 
 
 def sky(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:

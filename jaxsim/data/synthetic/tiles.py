@@ -50,6 +50,8 @@ def polar_mask(corners_velo: Corners, grid: PolarGrid, tile: tuple[int, int]) ->
     beyond_left = y * np.cos(left)[:, None, None] - x * np.sin(left)[:, None, None]
     beyond_right = x * np.sin(right)[:, None, None] - y * np.cos(right)[:, None, None]
     wedge = (beyond_left.min(axis=-1) <= 0) & (beyond_right.min(axis=-1) <= 0)
+    # Two planes bound less than half a turn; a wider tile may meet whatever stands there.
+    wedge |= (left - right >= np.pi)[:, None]
 
     # Elevation has its extremes at the nearest and the farthest distance of the box's circle from the axis.
     middle = corners_velo[..., :2].mean(axis=1)

@@ -135,4 +135,7 @@ def measure(truth: Truth, key: Array, *, sensor: TrueSensor, spec: LidarSpec) ->
 
 def _step(value: Float[Array, "rows columns"], step: float) -> Float[Array, "rows columns"]:
     """Nearest multiple of the step, written so that k/100 comes out as the float nearest to it."""
-    return jnp.round(value / step) / jnp.float32(round(1.0 / step)) if step else value
+    if not step:
+        return value
+    steps, share = jnp.round(value / step), round(1.0 / step)
+    return steps / jnp.float32(share) if abs(share * step - 1.0) < 1e-6 else steps * jnp.float32(step)

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxsim.geometry.rasters import nearest_known
+
 _SCALE = 10_000  # integer steps of intensity: finer than the sensor's 1/100, so filtering adds no steps
 
 
@@ -18,14 +20,7 @@ def close_gaps(
         return intensity
     if not valid.any():
         return np.zeros_like(intensity)
-    _, label = cv2.distanceTransformWithLabels(
-        (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    # Every valid cell has a label of its own, which the cells nearest to it share.
-    label = label.astype(np.int64)
-    value_of = np.zeros(label.max() + 1, np.float32)
-    value_of[label[valid]] = intensity[valid]
-    return value_of[label]
+    return intensity.ravel()[nearest_known(valid)[1]]
 
 
 def non_local_means(

@@ -12,11 +12,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.frame import CameraFrame
+from jaxsim.geometry.rasters import nearest_known
 from jaxsim.prepare.depth.ip_basic import fill_in_fast, fill_in_multiscale
 from jaxsim.prepare.depth.penet import open_penet
 
@@ -37,15 +37,16 @@ def complete_depth(
 
     Raises ValueError when no pixel has depth or the method is unknown.
     """
-    if method not in METHODS and method != "penet":
-        raise ValueError(f"depth: no method {method!r}; known: {', '.join([*METHODS, 'penet'])}")
+    if method not in METHODS:
+        raise ValueError(
+            f"depth: {method!r} completes no sparse depth alone; known: {', '.join(METHODS)}; penet also takes the "
+            "image: call complete_view"
+        )
     if not valid.any():
         raise ValueError(
             "depth: not one pixel has depth, so there is nothing to complete; check that the points fall "
             "into the image (calibration of another drive, or an empty scan?)"
         )
-    if method == "penet":
-        raise ValueError("depth: penet also takes the image; call complete_view")
     return METHODS[method](sparse_depth_m.astype(np.float32), valid)
 
 
@@ -69,13 +70,8 @@ def through_points(
     ratio = np.ones_like(depth_m)
     np.divide(sparse_depth_m, depth_m, out=ratio, where=usable, dtype=np.float32)
     usable &= np.abs(ratio - 1) < SAME_SURFACE
-    distance, label = cv2.distanceTransformWithLabels(
-        (~usable).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    label = label.astype(np.int64)
-    of_label = np.ones(int(label.max()) + 1, np.float32)
-    of_label[label[usable]] = ratio[usable]
-    return np.where(known & (distance <= REACH_PX), depth_m * of_label[label], depth_m)
+    away_px, nearest = nearest_known(usable)
+    return np.where(known & (away_px <= REACH_PX), depth_m * ratio.ravel()[nearest], depth_m)
 
 
 def complete_view(

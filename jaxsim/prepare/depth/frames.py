@@ -12,8 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.config import PenetConfig, Stage
+from jaxsim.files import placed
 from jaxsim.frame import Array, Camera, Cloud, DepthFrame, Frame
 from jaxsim.geometry import pad_cloud, project, scatter_nearest
+from jaxsim.geometry.camera import crop_depth_frame, cut_depth_frame
 from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
 
 _NEAREST_M = 0.1
@@ -54,22 +56,11 @@ def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
             f"depth: {frame.name} has {'no LiDAR sweep' if cloud is None else 'no true depth'}; depth completion "
             "learns from frames that have both (the embedded world; KITTI's depth completion set, --depth-root)"
         )
-    h, w = view.rgb.shape[:2]
-    rows, columns = crop
-    if h < rows or w < columns:
-        raise ValueError(
-            f"depth: {frame.name} is {h} x {w}, smaller than the crop {rows} x {columns}; lower --image-crop"
-        )
-    sparse_m, given = jax.device_get(sparse_depth(pad_cloud(cloud), view.camera, (h, w)))
-    top, left = h - rows, round((w - columns) / 2)
-
-    def cut(raster: Array) -> np.ndarray:
-        return np.asarray(raster)[top:, left : left + columns]
-
-    intrinsics = np.array(view.camera.intrinsics, np.float32)
-    intrinsics[:2, 2] -= left, top  # the principal point moves by what is cut off
+    sparse_m, given = jax.device_get(sparse_depth(pad_cloud(cloud), view.camera, view.rgb.shape[:2]))
     known = np.asarray(view.depth_valid) & (np.asarray(view.depth_m) < TRUTH_REACH_M)
-    return DepthFrame(cut(view.rgb), cut(sparse_m), cut(given), cut(view.depth_m), cut(known), intrinsics)
+    whole = DepthFrame(view.rgb, sparse_m, given, view.depth_m, known, view.camera.intrinsics)
+    with placed(f"depth: {frame.name}", then="lower --image-crop"):
+        return crop_depth_frame(whole, crop)
 
 
 def where_backed(frame: DepthFrame) -> DepthFrame:
@@ -92,21 +83,15 @@ def augment_frame(frame: DepthFrame, stage: Stage, config: PenetConfig, *, rng: 
         )
     top = int(rng.integers(0, rows - stage.crop[0] + 1))
     left = int(rng.integers(0, columns - stage.crop[1] + 1))
-    mirrored = config.flip and rng.random() < 0.5
-
-    def cut(raster: np.ndarray) -> np.ndarray:
-        part = np.asarray(raster)[top : top + stage.crop[0], left : left + stage.crop[1]]
-        return part[:, ::-1] if mirrored else part
-
-    intrinsics = np.array(frame.intrinsics, np.float32)
-    intrinsics[:2, 2] -= left, top
-    if mirrored:
+    part = cut_depth_frame(frame, top, left, size=stage.crop)
+    if config.flip and rng.random() < 0.5:
         # Pixel centres are whole numbers: the mirror of u is w - 1 - u.
-        intrinsics[0, 2] = stage.crop[1] - 1 - intrinsics[0, 2]
-    rgb = cut(frame.rgb)
+        part.intrinsics[0, 2] = stage.crop[1] - 1 - part.intrinsics[0, 2]
+        rasters = (part.rgb, part.sparse_m, part.given, part.truth_m, part.known)
+        part = DepthFrame(*[raster[:, ::-1] for raster in rasters], intrinsics=part.intrinsics)
     if config.jitter:
-        rgb = _recoloured(rgb, 1 + config.jitter * rng.uniform(-1, 1, 3))
-    return DepthFrame(rgb, cut(frame.sparse_m), cut(frame.given), cut(frame.truth_m), cut(frame.known), intrinsics)
+        part = replace(part, rgb=_recoloured(part.rgb, 1 + config.jitter * rng.uniform(-1, 1, 3)))
+    return part
 
 
 def _recoloured(rgb: np.ndarray, factors: np.ndarray) -> np.ndarray:

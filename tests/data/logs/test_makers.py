@@ -68,6 +68,20 @@ def test_frames_of_the_object_benchmark_have_the_names_that_the_data_set_gives_t
     assert {about["scene"] for about in frames.about.values()} == {*frames.names}
 
 
+def test_points_of_a_shuffled_scan_lie_on_the_nearest_beams_where_the_sensor_is_named(object_root, tmp_path):
+    path = object_root / "training/velodyne/000007.bin"
+    points = np.fromfile(path, "<f4").reshape(-1, 4)
+    np.random.default_rng(0).permutation(points).tofile(path)
+    with pytest.raises(ValueError, match=r"000007\.bin: .* take the nearest beam: .*--log\.sensor hdl64e"):
+        frames_of(object_root, tmp_path / "out")
+    with pytest.raises(ValueError, match=r"--log\.sensor is 'vlp16'; these scans are of hdl64e"):
+        frames_of(object_root, tmp_path / "out", sensor="vlp16")
+    _, frames = frames_of(object_root, tmp_path / "out", sensor="hdl64e")
+    image, _ = frames.read("000007")
+    line = np.arange(64)[:, None] / 100  # as the scan was made
+    np.testing.assert_allclose(image.intensity[image.valid], np.broadcast_to(line, image.valid.shape)[image.valid])
+
+
 def test_ousters_recording(samples, tmp_path):
     pytest.importorskip("ouster.sdk", reason="ouster-sdk is not installed")
     kind, frames = frames_of(samples / "ouster/OS-1-32-G_v2.1.1_1024x10.pcap", tmp_path)
@@ -135,6 +149,8 @@ def test_of_an_ousters_two_returns_the_one_is_taken_that_was_asked_for(samples, 
 
 
 def test_nuscenes_sweeps(samples, tmp_path):
+    with pytest.raises(ValueError, match=r"--log\.rings is for logs of points, and .* comes on the grid"):
+        frames_of(samples / "nuscenes", tmp_path, rings="0-15")
     kind, frames = frames_of(samples / "nuscenes", tmp_path)
     assert kind == "nuscenes"
     assert frames.read(frames.names[0])[0].range_m.shape == (32, 900)

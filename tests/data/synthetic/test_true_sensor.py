@@ -68,6 +68,15 @@ def test_a_target_of_threshold_reflectance_is_seen_half_of_the_time(a_scan: Idea
     assert np.asarray(seen.valid).mean() == pytest.approx(0.5, abs=0.02)
 
 
+@pytest.mark.parametrize("step_m", [0.03, 0.002, 3.0])
+def test_ranges_of_any_step_are_its_multiples(a_scan: IdealScan, step_m: float) -> None:
+    away = jnp.full(SHAPE, 90.0, jnp.float32)
+    truth = Truth(PolarImage(away, away, jnp.ones(SHAPE, bool)), a_scan, jnp.ones(SHAPE, jnp.float32))
+    exact = replace(SENSOR, range_noise_m=0.0)
+    seen = measure(truth, jax.random.key(1), sensor=exact, spec=replace(SPEC, range_step_m=step_m))
+    np.testing.assert_allclose(seen.range_m, 90.0, atol=1e-4)
+
+
 def test_measurements_scatter_about_the_truth_and_lie_on_the_sensor_s_steps(a_scan: IdealScan) -> None:
     level = jnp.full(SHAPE, 0.4, jnp.float32)
     image = PolarImage(jnp.full(SHAPE, 20.0, jnp.float32), level, jnp.ones(SHAPE, bool))

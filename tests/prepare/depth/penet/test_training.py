@@ -268,5 +268,5 @@ def test_a_renderers_frame_gives_sweep_and_truth():
         depth_frame(replace(whole, cloud=None), (32, 64))
     with pytest.raises(ValueError, match="no true depth"):
         depth_frame(replace(whole, camera=camera), (32, 64))
-    with pytest.raises(ValueError, match="smaller than the crop 64 x 64"):
+    with pytest.raises(ValueError, match=r"smaller than the crop of 64 x 64; lower --image-crop"):
         depth_frame(whole, (64, 64))
