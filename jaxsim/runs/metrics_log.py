@@ -17,15 +17,14 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NoReturn
+from uuid import uuid4
 
 import numpy as np
 
 from jaxsim.files import parse_json, read_text, real, replacing, write_text
 
-LONGEST_S = 1e9
-"""Thirty years: no training takes them."""
-LARGEST = 1e9
-"""No loss, gradient or score is beyond it: a training that goes there has left the numbers that mean something."""
+LARGEST = float(np.finfo(np.float32).max)
+"""What a training computes with holds no larger one. Gradients that are clipped may be of any norm before."""
 GROUP = "jaxsim.metrics_log"
 ASKED = "JAXSIM_METRICS_LOG"
 Track = Callable[[int, Mapping[str, float]], None]
@@ -49,8 +48,6 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
             content = parse_json(line, finite=False)  # a score may have no value
             if not isinstance(content, dict) or type(content.get("step")) is not int:
                 raise ValueError("it has no step")
-            if not 0 <= real(content.get("seconds", 0)) < LONGEST_S:
-                raise ValueError("its seconds cannot be")
             for name, value in content.items():
                 _check_number(name, value)
         except ValueError as error:
@@ -176,15 +173,21 @@ def _patient(name: str, track: Track) -> Track:
 
 def wandb(folder: Path, start: int) -> Track:
     """Weights & Biases: one run a folder, resumed with it; WANDB_PROJECT and the like set the rest."""
-    client = _client("wandb")
-    run = client.init(dir=str(folder), id=folder.name, name=folder.name, resume="allow")
+    client, kept = _client("wandb"), folder / "wandb.id"
+    # Not the folder's name, which others of the project may have, and one before that was deleted.
+    if not kept.is_file():
+        write_text(kept, uuid4().hex)
+    run = client.init(dir=str(folder), id=read_text(kept, by="run"), name=folder.name, resume="allow")
     return lambda step, values: run.log(dict(values), step=step)
 
 
 def mlflow(folder: Path, start: int) -> Track:
-    """MLflow: one run a folder, by its name; MLFLOW_TRACKING_URI and the like set the rest."""
-    client = _client("mlflow")
-    client.start_run(run_name=folder.name)
+    """MLflow: one run a folder, resumed with it; MLFLOW_TRACKING_URI and the like set the rest."""
+    client, kept = _client("mlflow"), folder / "mlflow.id"
+    if kept.is_file():
+        client.start_run(run_id=read_text(kept, by="run"))
+    else:
+        write_text(kept, client.start_run(run_name=folder.name).info.run_id)
     # MLflow's names hold letters, digits, _ - . / and spaces alone.
     return lambda step, values: client.log_metrics({name.replace("@", "_at_"): v for name, v in values.items()}, step)
 
