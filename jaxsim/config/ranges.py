@@ -39,7 +39,7 @@ class Checked:
     def __post_init__(self) -> None:
         for name, hint in _hints(type(self)).items():
             given = getattr(self, name)
-            value = _plain(given, hint)
+            value = _converted(given, hint)
             if value is not given:
                 object.__setattr__(self, name, value)  # of a frozen dataclass
             if wrong := _wrong(value, hint):
@@ -47,7 +47,7 @@ class Checked:
                 raise ValueError(f"{flag} ({type(self).__name__}) is {value!r:.200}; it must be {wrong}")
 
 
-def _plain(value: Any, hint: Any) -> Any:
+def _converted(value: Any, hint: Any) -> Any:
     """The path of a text, the tuple of a list, where the type asks for one; else the value itself."""
     kinds = [hint] if get_origin(hint) is tuple else [hint, *get_args(hint)]
     if isinstance(value, str) and Path in kinds:

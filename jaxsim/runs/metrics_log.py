@@ -82,7 +82,7 @@ class MetricsLog:
         self.path = folder / "metrics.jsonl"
         self.writes = writes
         self._board: Any = None
-        self._trackers: list[Track] = []
+        self._trackers: dict[str, Track] = {}
         if not writes:
             return
         lines = [line for line in read_metrics(self.path) if line["step"] <= start]
@@ -103,8 +103,15 @@ class MetricsLog:
         if self._board is not None:
             for name, value in values.items():
                 self._board.add_scalar(name, value, step)
-        for track in self._trackers:
-            track(step, values)
+        for name, track in [*self._trackers.items()]:
+            try:
+                track(step, values)
+            except Exception as error:  # a tracker must not end a training
+                del self._trackers[name]
+                _log.warning(
+                    "run: the tracker %s failed at step %d (%s: %s) and gets no more; metrics.jsonl goes on",
+                    *(name, step, type(error).__name__, error),
+                )
 
     def validated(self, step: int) -> bool:
         """Whether the validation scores of a step are written down; their line holds nothing else."""
@@ -130,11 +137,11 @@ class MetricsLog:
         raise TrainingDiverged(f"training: {', '.join(bad)} not finite at step {step}; batch saved to {path}; {cause}")
 
 
-def trackers(folder: Path, start: int) -> list[Track]:
-    """The trackers that JAXSIM_METRICS_LOG names. Raises ValueError for one that is not installed or does not start."""
+def trackers(folder: Path, start: int) -> dict[str, Track]:
+    """JAXSIM_METRICS_LOG's trackers by name. Raises ValueError for one that is not installed or does not start."""
     names = [name.strip() for name in os.environ.get(ASKED, "").split(",") if name.strip()]
     known = {point.name: point for point in entry_points(group=GROUP)}
-    made = []
+    made: dict[str, Track] = {}
     for name in names:
         if name not in known:
             raise ValueError(
@@ -142,33 +149,13 @@ def trackers(folder: Path, start: int) -> list[Track]:
                 f"{', '.join(sorted(known)) or 'none'} (entry points of the group {GROUP})"
             )
         try:
-            made.append(_patient(name, known[name].load()(folder, start)))
+            made[name] = known[name].load()(folder, start)
         except Exception as error:
             raise ValueError(
                 f"run: the tracker {name} does not start ({type(error).__name__}: {error}); mend it, or leave it out "
                 f"of {ASKED}"
             ) from error
     return made
-
-
-def _patient(name: str, track: Track) -> Track:
-    """The same; where it fails once it is told once and left out, for a tracker must not end a training."""
-    works = True
-
-    def guarded(step: int, values: Mapping[str, float]) -> None:
-        nonlocal works
-        if not works:
-            return
-        try:
-            track(step, values)
-        except Exception as error:
-            works = False
-            _log.warning(
-                "run: the tracker %s failed at step %d (%s: %s) and gets no more; metrics.jsonl goes on",
-                *(name, step, type(error).__name__, error),
-            )
-
-    return guarded
 
 
 def wandb(folder: Path, start: int) -> Track:

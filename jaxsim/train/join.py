@@ -93,9 +93,7 @@ def _joined(first: Run, members: int, out: Path) -> Run:
             settings,
             generator=replace(settings.generator, members=members),
             # A step and an epoch of each are those of all.
-            optim=replace(
-                settings.optim, batch=members * settings.optim.batch, epochs=members * settings.optim.epochs
-            ),
+            optim=replace(settings.optim, batch=members * settings.optim.batch, epochs=members * settings.optim.epochs),
             run=replace(settings.run, name=out.name, out=out.parent),
         ),
     )
