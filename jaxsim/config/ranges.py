@@ -52,7 +52,7 @@ def _converted(value: Any, hint: Any) -> Any:
     kinds = [hint] if get_origin(hint) is tuple else [hint, *get_args(hint)]
     if isinstance(value, str) and Path in kinds:
         return Path(value)
-    return tuple(value) if isinstance(value, list) and tuple in map(get_origin, kinds) else value
+    return tuple(value) if isinstance(value, list) and any(get_origin(kind) is tuple for kind in kinds) else value
 
 
 @cache
