@@ -78,8 +78,9 @@ def while_all_live() -> Iterator[None]:
         ) from error
 
 
-def data_mesh(batch: int) -> Mesh | None:
-    """The mesh that a batch of this size is cut over; None where one device takes it whole.
+def data_mesh(batch: int, *, members: int = 1) -> Mesh | None:
+    """The mesh that a batch of this size is cut over, each part so that `members` of a network can share it; None where
+    one device takes it whole.
 
     Several processes use all their devices: raises ValueError where the batch cannot be divided among them. One
     process uses the largest number of its devices that divides the batch, and says so if that is not all.
@@ -87,13 +88,13 @@ def data_mesh(batch: int) -> Mesh | None:
     devices = jax.devices()
     count = len(devices)
     if jax.process_count() > 1:
-        if batch % count:
+        if batch % (count * members):
             raise ValueError(
                 f"devices: a batch of {batch} cannot be divided among {count} devices of {jax.process_count()} "
-                f"processes; make --optim.batch a multiple of {count}"
+                f"processes; make --optim.batch a multiple of {count * members}"
             )
     else:
-        used = max(n for n in range(1, count + 1) if batch % n == 0)
+        used = max((n for n in range(1, count + 1) if batch % (n * members) == 0), default=1)
         if used < count:
             _log.info(f"devices: a batch of {batch} divides among {used} of {count} devices; the others stay idle")
         count = used

@@ -35,16 +35,7 @@ _Network = Callable[[Array], Array]
 OPSET = 18
 _Value = np.ndarray | str
 """A constant, or the name of what a node gives."""
-INLINED = (
-    "jit",
-    "pjit",
-    "closed_call",
-    "custom_jvp_call",
-    "custom_vjp_call",
-    "custom_vjp_call_jaxpr",
-    "remat",
-    "checkpoint",
-)
+INLINED = ("jit", "closed_call", "custom_jvp_call", "custom_vjp_call")
 TWINS = {
     "add": "Add", "sub": "Sub", "mul": "Mul", "div": "Div", "max": "Max", "min": "Min", "pow": "Pow", "neg": "Neg",
     "exp": "Exp", "log": "Log", "tanh": "Tanh", "sqrt": "Sqrt", "abs": "Abs", "sign": "Sign", "logistic": "Sigmoid",
@@ -209,7 +200,7 @@ def _walk(graph: Graph, closed: core.ClosedJaxpr, inputs: Sequence[_Value]) -> l
 def _equation(graph: Graph, equation: Any, given: list[_Value]) -> list[_Value]:
     name, parameters = equation.primitive.name, equation.params
     if name in INLINED:
-        inner = next(parameters[k] for k in ("jaxpr", "call_jaxpr", "fun_jaxpr") if k in parameters)
+        inner = next(parameters[k] for k in ("jaxpr", "call_jaxpr") if k in parameters)
         closed = inner if isinstance(inner, core.ClosedJaxpr) else core.ClosedJaxpr(inner, [])
         return _walk(graph, closed, given)
     if not any(isinstance(value, str) for value in given):
@@ -353,18 +344,6 @@ def _cast(op: Operation) -> str:
     return op.graph.add("Cast", op.given[0], to=kind)
 
 
-def _power(op: Operation) -> str:
-    return op.graph.add("Pow", op.given[0], np.asarray(op.parameters["y"], np.float32))
-
-
-def _root(op: Operation) -> str:
-    return op.graph.add("Reciprocal", op.graph.add("Sqrt", op.given[0]))
-
-
-def _square(op: Operation) -> str:
-    return op.graph.add("Mul", op.given[0], op.given[0])
-
-
 def _choose(op: Operation) -> str:
     where, no, yes = op.given
     return op.graph.add("Where", where, yes, no)
@@ -374,5 +353,8 @@ TRANSLATED: dict[str, Callable[[Operation], str]] = {
     "reshape": _reshape, "squeeze": _reshape, "expand_dims": _reshape, "broadcast_in_dim": _broadcast,
     "transpose": _transpose, "concatenate": _concatenate, "stack": _stack, "slice": _slice, "rev": _reverse,
     "pad": _pad, "gather": _gather, "dot_general": _product, "conv_general_dilated": _convolve,
-    "convert_element_type": _cast, "integer_pow": _power, "rsqrt": _root, "square": _square, "select_n": _choose,
+    "convert_element_type": _cast, "select_n": _choose,
+    "integer_pow": lambda op: op.graph.add("Pow", op.given[0], np.asarray(op.parameters["y"], np.float32)),
+    "rsqrt": lambda op: op.graph.add("Reciprocal", op.graph.add("Sqrt", op.given[0])),
+    "square": lambda op: op.graph.add("Mul", op.given[0], op.given[0]),
 }  # fmt: skip

@@ -157,6 +157,10 @@ def test_a_batch_goes_to_as_many_devices_as_divide_it(capsys):
     assert mesh.size == 2
     assert devices.data_mesh(3) is None
     assert "a batch of 3 divides among 1 of 2 devices" in capsys.readouterr().out
+    assert devices.data_mesh(2, members=2) is None  # each device is to have an item for each
+    shared = devices.data_mesh(4, members=2)
+    assert shared is not None
+    assert shared.size == 2
 
 
 def test_a_launcher_that_says_half_is_told_the_other_half(monkeypatch):

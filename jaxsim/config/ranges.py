@@ -30,20 +30,29 @@ MOST_SETTING = 1e12
 
 
 class Checked:
-    """A dataclass whose values are of their types, its numbers finite and in the ranges of these; a path may be text.
+    """A dataclass whose values are of their types, its numbers finite and in the ranges of these. A path may be text, a
+    tuple a list, which it becomes: settings are compared and hashed.
 
     ValueError names the field if not.
     """
 
     def __post_init__(self) -> None:
         for name, hint in _hints(type(self)).items():
-            value = getattr(self, name)
-            if isinstance(value, str) and Path in (hint, *get_args(hint)):
-                value = Path(value)
+            given = getattr(self, name)
+            value = _converted(given, hint)
+            if value is not given:
                 object.__setattr__(self, name, value)  # of a frozen dataclass
             if wrong := _wrong(value, hint):
                 flag = name.replace("_", "-")
                 raise ValueError(f"{flag} ({type(self).__name__}) is {value!r:.200}; it must be {wrong}")
+
+
+def _converted(value: Any, hint: Any) -> Any:
+    """The path of a text, the tuple of a list, where the type asks for one; else the value itself."""
+    kinds = [hint] if get_origin(hint) is tuple else [hint, *get_args(hint)]
+    if isinstance(value, str) and Path in kinds:
+        return Path(value)
+    return tuple(value) if isinstance(value, list) and any(get_origin(kind) is tuple for kind in kinds) else value
 
 
 @cache
@@ -74,7 +83,9 @@ def _wrong(value: Any, hint: Any) -> str:
         return "" if "" in wrongs else wrongs[0]
     if origin is Literal:
         return "" if value in arguments else f"one of {', '.join(map(str, arguments))}"
-    if origin is tuple and isinstance(value, tuple):
+    if origin is tuple:
+        if not isinstance(value, tuple):
+            return "a tuple of values"
         of_items = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
         if len(of_items) != len(value):
             return f"{len(of_items)} values"

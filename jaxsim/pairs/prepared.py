@@ -86,16 +86,17 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, *, prepar
     """
     if data.kind == "prepared":
         return dataset.pairs(positions, prepare)
-    folder = pairs_folder(data, prepare)
+    files = _files(pairs_folder(data, prepare), dataset, positions)
     # Pairs for which labels were asked are those without, too.
     labelled = pairs_folder(data, replace(prepare, inputs=("semantic",)))
-    if all(path.is_file() for path in _files(labelled, dataset, positions)):
-        folder = labelled
+    if all((labelled / file.name).is_file() for file in files):
+        files = [labelled / file.name for file in files]
+    missing = [(i, file) for i, file in zip(positions, files, strict=True) if not file.is_file()]
     if jax.process_count() > 1:
-        _make(dataset, positions[jax.process_index() :: jax.process_count()], folder, kind=data.kind, prepare=prepare)
+        _make(dataset, missing[jax.process_index() :: jax.process_count()], kind=data.kind, prepare=prepare)
         wait("prepared pairs")
-    _make(dataset, positions, folder, kind=data.kind, prepare=prepare)
-    files = _files(folder, dataset, positions)
+        missing = [(i, file) for i, file in missing if not file.is_file()]
+    _make(dataset, missing, kind=data.kind, prepare=prepare)
     return PreparedPairs([_entry(file, prepare) for file in files], lambda i: _read(files[i]))
 
 
@@ -123,9 +124,8 @@ def _files(folder: Path, dataset: Any, positions: Sequence[int]) -> list[Path]:
     return [file_of(folder, name, suffix, by="prepared") for name, suffix in zip(names, suffixes, strict=True)]
 
 
-def _make(dataset: Any, positions: Sequence[int], folder: Path, *, kind: str, prepare: PrepareConfig) -> None:
-    files = _files(folder, dataset, positions)
-    missing = [(i, file) for i, file in zip(positions, files, strict=True) if not file.is_file()]
+def _make(dataset: Any, missing: Sequence[tuple[int, Path]], *, kind: str, prepare: PrepareConfig) -> None:
+    """The pairs of frames by their positions, and the files that they go to."""
     if missing:
         check_networks(prepare)
     for i, file in Progress(missing, desc=f"preparing {kind}", unit="frame", disable=not missing):

@@ -26,9 +26,7 @@ Precision = Literal["float32", "bfloat16"]
 
 
 def layer_form(name: str, precision: Precision) -> LayerForm:
-    """The layers of a published form, at a precision of their convolutions. Raises ValueError for an unknown form."""
-    if name not in FORMS:
-        raise ValueError(f"no form {name!r} of pix2pixHD; known: {', '.join(FORMS)}")
+    """The layers of a published form, at a precision of their convolutions."""
     return FORMS[name]._replace(compute=None if precision == "float32" else jnp.dtype(precision))
 
 

@@ -194,6 +194,8 @@ def start_from(state: TrainState, files: Sequence[Path], experiment: Experiment)
             if averaged := part(arrays, AVERAGED):
                 ema = _on_device(from_published(averaged, Network(state.ema, {}), form)).parameters
             state = replace(state, generator=generator, ema=ema)
+        elif state.discriminator is None:
+            raise ValueError(f"start: {path} is a discriminator's, and --loss.gan 0 trains without one; leave it out")
         if (values := part(arrays, DISCRIMINATOR)) and state.discriminator is not None:
             state = replace(state, discriminator=_on_device(from_published(values, state.discriminator, form)))
     return state

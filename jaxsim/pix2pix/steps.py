@@ -80,8 +80,7 @@ def learning_rate(config: OptimConfig, step: Array) -> Array:
 
 def optimiser(config: OptimConfig) -> optax.GradientTransformation:
     """Adam with the rate above, on gradients of a norm of at most `clip`."""
-    schedule: Callable[[Array], Array] = lambda step: learning_rate(config, step)  # noqa: E731
-    adam = optax.adam(schedule, b1=config.betas[0], b2=config.betas[1], eps=config.eps)
+    adam = optax.adam(partial(learning_rate, config), b1=config.betas[0], b2=config.betas[1], eps=config.eps)
     return optax.chain(optax.clip_by_global_norm(config.clip), adam) if config.clip else adam
 
 
@@ -118,7 +117,7 @@ def create_state(experiment: Experiment, in_channels: int, seed: int) -> TrainSt
 
 def state_shapes(experiment: Experiment, in_channels: int) -> TrainState:
     """Shapes and types of a state, without its values."""
-    return jax.eval_shape(lambda key: _create(experiment, in_channels, key), jax.random.key(0))
+    return jax.eval_shape(partial(_create, experiment, in_channels), jax.random.key(0))
 
 
 @cache

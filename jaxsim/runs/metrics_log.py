@@ -17,15 +17,14 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NoReturn
+from uuid import uuid4
 
 import numpy as np
 
 from jaxsim.files import parse_json, read_text, real, replacing, write_text
 
-LONGEST_S = 1e9
-"""Thirty years: no training takes them."""
-LARGEST = 1e9
-"""No loss, gradient or score is beyond it: a training that goes there has left the numbers that mean something."""
+LARGEST = float(np.finfo(np.float32).max)
+"""What a training computes with holds no larger one. Gradients that are clipped may be of any norm before."""
 GROUP = "jaxsim.metrics_log"
 ASKED = "JAXSIM_METRICS_LOG"
 Track = Callable[[int, Mapping[str, float]], None]
@@ -49,8 +48,6 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
             content = parse_json(line, finite=False)  # a score may have no value
             if not isinstance(content, dict) or type(content.get("step")) is not int:
                 raise ValueError("it has no step")
-            if not 0 <= real(content.get("seconds", 0)) < LONGEST_S:
-                raise ValueError("its seconds cannot be")
             for name, value in content.items():
                 _check_number(name, value)
         except ValueError as error:
@@ -85,7 +82,7 @@ class MetricsLog:
         self.path = folder / "metrics.jsonl"
         self.writes = writes
         self._board: Any = None
-        self._trackers: list[Track] = []
+        self._trackers: dict[str, Track] = {}
         if not writes:
             return
         lines = [line for line in read_metrics(self.path) if line["step"] <= start]
@@ -106,8 +103,15 @@ class MetricsLog:
         if self._board is not None:
             for name, value in values.items():
                 self._board.add_scalar(name, value, step)
-        for track in self._trackers:
-            track(step, values)
+        for name, track in [*self._trackers.items()]:
+            try:
+                track(step, values)
+            except Exception as error:  # a tracker must not end a training
+                del self._trackers[name]
+                _log.warning(
+                    "run: the tracker %s failed at step %d (%s: %s) and gets no more; metrics.jsonl goes on",
+                    *(name, step, type(error).__name__, error),
+                )
 
     def validated(self, step: int) -> bool:
         """Whether the validation scores of a step are written down; their line holds nothing else."""
@@ -133,11 +137,11 @@ class MetricsLog:
         raise TrainingDiverged(f"training: {', '.join(bad)} not finite at step {step}; batch saved to {path}; {cause}")
 
 
-def trackers(folder: Path, start: int) -> list[Track]:
-    """The trackers that JAXSIM_METRICS_LOG names. Raises ValueError for one that is not installed or does not start."""
+def trackers(folder: Path, start: int) -> dict[str, Track]:
+    """JAXSIM_METRICS_LOG's trackers by name. Raises ValueError for one that is not installed or does not start."""
     names = [name.strip() for name in os.environ.get(ASKED, "").split(",") if name.strip()]
     known = {point.name: point for point in entry_points(group=GROUP)}
-    made = []
+    made: dict[str, Track] = {}
     for name in names:
         if name not in known:
             raise ValueError(
@@ -145,7 +149,7 @@ def trackers(folder: Path, start: int) -> list[Track]:
                 f"{', '.join(sorted(known)) or 'none'} (entry points of the group {GROUP})"
             )
         try:
-            made.append(_patient(name, known[name].load()(folder, start)))
+            made[name] = known[name].load()(folder, start)
         except Exception as error:
             raise ValueError(
                 f"run: the tracker {name} does not start ({type(error).__name__}: {error}); mend it, or leave it out "
@@ -154,37 +158,23 @@ def trackers(folder: Path, start: int) -> list[Track]:
     return made
 
 
-def _patient(name: str, track: Track) -> Track:
-    """The same; where it fails once it is told once and left out, for a tracker must not end a training."""
-    works = True
-
-    def guarded(step: int, values: Mapping[str, float]) -> None:
-        nonlocal works
-        if not works:
-            return
-        try:
-            track(step, values)
-        except Exception as error:
-            works = False
-            _log.warning(
-                "run: the tracker %s failed at step %d (%s: %s) and gets no more; metrics.jsonl goes on",
-                *(name, step, type(error).__name__, error),
-            )
-
-    return guarded
-
-
 def wandb(folder: Path, start: int) -> Track:
     """Weights & Biases: one run a folder, resumed with it; WANDB_PROJECT and the like set the rest."""
-    client = _client("wandb")
-    run = client.init(dir=str(folder), id=folder.name, name=folder.name, resume="allow")
+    client, kept = _client("wandb"), folder / "wandb.id"
+    # Not the folder's name, which others of the project may have, and one before that was deleted.
+    if not kept.is_file():
+        write_text(kept, uuid4().hex)
+    run = client.init(dir=str(folder), id=read_text(kept, by="run"), name=folder.name, resume="allow")
     return lambda step, values: run.log(dict(values), step=step)
 
 
 def mlflow(folder: Path, start: int) -> Track:
-    """MLflow: one run a folder, by its name; MLFLOW_TRACKING_URI and the like set the rest."""
-    client = _client("mlflow")
-    client.start_run(run_name=folder.name)
+    """MLflow: one run a folder, resumed with it; MLFLOW_TRACKING_URI and the like set the rest."""
+    client, kept = _client("mlflow"), folder / "mlflow.id"
+    if kept.is_file():
+        client.start_run(run_id=read_text(kept, by="run"))
+    else:
+        write_text(kept, client.start_run(run_name=folder.name).info.run_id)
     # MLflow's names hold letters, digits, _ - . / and spaces alone.
     return lambda step, values: client.log_metrics({name.replace("@", "_at_"): v for name, v in values.items()}, step)
 

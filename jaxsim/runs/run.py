@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from importlib.metadata import version
@@ -105,9 +105,9 @@ def _claim(folder: Path, experiment: AnyExperiment, *, text: bytes | None = None
     )
 
 
-def run_kind(folder: Path | str) -> Kind:
-    """The kind of the run in a folder. Raises ValueError where there is none, naming those below or beside
-    it."""
+def _read(folder: Path | str) -> tuple[Kind, Any]:
+    """The kind of the run in a folder, and what its config.json holds. Raises ValueError where there is none, naming
+    those below or beside it."""
     path = Path(folder) / "config.json"
     if not path.is_file():
         # A folder of runs was given, or a run's name mistyped.
@@ -116,17 +116,14 @@ def run_kind(folder: Path | str) -> Kind:
             f"there are runs at {', '.join(str(one.parent) for one in near)}" if near else "`jaxsim train` makes one"
         )
         raise ValueError(f"run: no config.json in {folder}; {there}; `embedded` names the packaged sensor")
-    return _kind_in(path, read_json(path, by="run"))
-
-
-def _kind_in(path: Path, content: Any) -> Kind:
+    content = read_json(path, by="run")
     with placed(f"run: {path} is no run's config.json"):
-        return kind_in(content)
+        return kind_in(content), content
 
 
 def is_detector(folder: Path | str) -> bool:
     """Whether a folder holds a detector's run."""
-    return (Path(folder) / "config.json").is_file() and run_kind(folder).run is DetectorRun
+    return (Path(folder) / "config.json").is_file() and _read(folder)[0].run is DetectorRun
 
 
 def load_run(folder: Path | str, wanted: type[Loaded] = Run) -> Loaded:
@@ -134,14 +131,13 @@ def load_run(folder: Path | str, wanted: type[Loaded] = Run) -> Loaded:
 
     Raises ValueError where the folder is no run, is one of another kind, or holds settings unknown here.
     """
-    kind, path = run_kind(folder), Path(folder) / "config.json"
-    content = read_json(path, by="run")
+    kind, content = _read(folder)
     if kind.run is not wanted:
         asked = next(kind.name for kind in KINDS if kind.run is wanted)
         raise ValueError(
             f"run: {folder} is the run of {kind.name}, not of {asked}; name another (its card.md has scores)"
         )
-    with placed(f"run: {path} does not fit this version ({version('jaxsim-lidar')})"):
+    with placed(f"run: {Path(folder) / 'config.json'} does not fit this version ({version('jaxsim-lidar')})"):
         return kind.parse(content)
 
 
@@ -227,9 +223,10 @@ class Checkpoints:
                 raise ValueError("its arrays differ from the SHA-256 that they were saved with")
         except Exception as error:
             # Orbax, tensorstore and their codecs each have errors of their own for bytes that are not theirs.
+            others = [str(other) for other in self.steps if other != step]
             raise ValueError(
                 f"run: step {step} in {self.folder} is damaged, or of another network ({_brief(error)}); "
-                f"remove that folder, and an earlier step is used where one is kept ({_steps(self.steps, step)})"
+                f"remove that folder, and an earlier step is used where one is kept ({', '.join(others) or 'none is'})"
             ) from error
         # Orbax gives arrays in the shapes that they were saved in, whatever was wanted.
         if other := _other_shape(restored[item], wanted):
@@ -278,10 +275,6 @@ def _other_shape(tree: Any, wanted: Any) -> str:
             name = jax.tree_util.keystr(path, simple=True, separator="/")
             return f"{name} has the shape {leaf.shape} there, and {like.shape} by the settings"
     return ""
-
-
-def _steps(steps: Sequence[int], damaged: int) -> str:
-    return ", ".join(str(step) for step in steps if step != damaged) or "none is"
 
 
 def _brief(error: Exception) -> str:

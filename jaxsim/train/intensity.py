@@ -48,7 +48,7 @@ def intensity_training(experiment: Experiment) -> Training:
     prepare = experiment.prepare
     settings = experiment.run
     optim = experiment.optim
-    mesh = devices.data_mesh(optim.batch)
+    mesh = devices.data_mesh(optim.batch, members=experiment.generator.members)
     for name, part, whole in zip(("rows", "columns"), (optim.rows, optim.columns), prepare.network_size, strict=True):
         if part > whole:
             raise ValueError(

@@ -15,7 +15,7 @@ from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.runs.frames import shared_frames
 from jaxsim.runs.kinds import Run, kind_of
-from jaxsim.runs.run import Checkpoints, load_run, start_run
+from jaxsim.runs.run import Checkpoints, check_folder, load_run, start_run
 from jaxsim.train.training import licence_head
 
 
@@ -23,7 +23,7 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
     """Writes a run to `out` whose network is the mean of the U-Nets in `folders`, each at its latest checkpoint.
 
     All of their states are joined, the optimisers' too, so that the run trains on like any other, each network from its
-    own share of the batch. Where `out` holds this very run already nothing changes.
+    own share of the batch. Where `out` holds this very run already, or one that has trained on, nothing changes.
 
     Raises ValueError where there are fewer than two runs, one is no U-Net's or joined itself, they differ in more than
     the seed, learned from other frames (runs of earlier versions do not say), or are at different steps.
@@ -41,17 +41,18 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
     if len(set(steps.values())) > 1:
         told = ", ".join(f"{folder} {step or 'none'}" for folder, step in steps.items())
         raise ValueError(f"join: the runs are at different steps ({told}); train them all to the same one")
-    joined = _joined(runs[0], len(runs), out)
+    joined, kept = _joined(runs[0], len(runs), out), Checkpoints(out)
+    check_folder(out, joined.experiment)
+    if kept.latest and kept.latest >= (checkpoints[0].latest or 0):
+        return joined
     channels = input_channels(joined.experiment.prepare)
     alone = state_shapes(runs[0].experiment, channels)
     states = [saved.restore("state", alone) for saved in checkpoints]
     state = _of_members(states, like=state_shapes(joined.experiment, channels))
 
     start_run(out, joined, frames)
-    step, saved = int(state.step), Checkpoints(out)
-    if step not in saved.steps:
-        saved.save(step, state=state, generator=state.ema)
-    write_text(out / "card.md", _card(joined, folders, step))
+    write_text(out / "card.md", _card(joined, folders, int(state.step)))
+    kept.save(int(state.step), state=state, generator=state.ema)
     return joined
 
 
@@ -91,7 +92,8 @@ def _joined(first: Run, members: int, out: Path) -> Run:
         experiment=replace(
             settings,
             generator=replace(settings.generator, members=members),
-            optim=replace(settings.optim, batch=members * settings.optim.batch),
+            # A step and an epoch of each are those of all.
+            optim=replace(settings.optim, batch=members * settings.optim.batch, epochs=members * settings.optim.epochs),
             run=replace(settings.run, name=out.name, out=out.parent),
         ),
     )

@@ -32,8 +32,9 @@ TRAINER = (sys.executable, "-m", "jaxsim", "train")
 def train(experiment: AnyExperiment, description: str = "") -> None:
     """Trains to the last step in the run's folder; the same experiment again resumes it.
 
-    `description` is for the card. Raises ValueError where the experiment cannot be, or its folder holds another run,
-    and TrainingDiverged where a loss is not finite; an interrupt saves, and is raised on with what is to be said.
+    `description` is for the card. Raises ValueError where the experiment cannot be, or asks for no steps, or its folder
+    holds another run or more steps, and TrainingDiverged where a loss is not finite; an interrupt saves, and is raised
+    on with what is to be said.
     """
     settings = experiment.run
     folder = run_folder(settings)
@@ -50,7 +51,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     training = training_of(experiment)
 
     # Run: a new folder, or the one that the same command began.
-    devices.by_first(lambda: start_run(folder, training.run, training.frames))
+    devices.by_first(lambda: _begin(folder, training))
     checkpoints, state = Checkpoints(folder, keep=settings.keep) if writes else None, training.state
     if checkpoints and checkpoints.latest:
         state = checkpoints.restore("state", state)
@@ -133,6 +134,18 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
         write_card(folder, training, description, scores=scores, seconds=time.monotonic() - begun)
         _log.info(f"{folder}: {step} steps done. {training.hint}")
     devices.wait("the end")
+
+
+def _begin(folder: Path, training: Training) -> None:
+    """Starts the run's folder, or comes back to it. Raises ValueError as `start_run`, and where there is nothing to
+    train: a run of no steps has no network, and one that has done more is not the run of so few."""
+    done = Checkpoints(folder).latest or 0
+    if training.steps < max(done, 1):
+        raise ValueError(
+            f"run: {folder} has done {done} steps, and the settings are for {training.steps} in all; ask for more "
+            "(--optim.steps or --optim.epochs, of depth completion --penet.stages), or give another --run.name"
+        )
+    start_run(folder, training.run, training.frames)
 
 
 def training_of(experiment: AnyExperiment) -> Training:

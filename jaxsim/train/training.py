@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jax.sharding import Mesh
@@ -23,7 +23,6 @@ from jaxsim.runs.kinds import AnyRun, kind_of
 Batch = dict[str, Any]
 """Arrays by name, each with the batch's items first."""
 RunScores = dict[str, Score]
-_Item = TypeVar("_Item", covariant=True)
 AHEAD = 4
 """Batches that wait in memory for the devices."""
 
@@ -77,14 +76,7 @@ def run_folder(settings: RunConfig) -> Path:
     return Path(settings.out) / settings.name
 
 
-@runtime_checkable
-class Loader(Protocol[_Item]):
-    """Batches by number."""
-
-    def __getitem__(self, k: int, /) -> _Item: ...
-
-
-def ahead(loader: Loader[_Item], start: int, stop: int, *, threads: int = 2) -> Iterator[_Item]:
+def ahead(loader: Any, start: int, stop: int, *, threads: int = 2) -> Iterator[Any]:
     """Batches `start` to `stop` - 1 in order; while the devices work on one, threads make the next AHEAD."""
     with ThreadPoolExecutor(threads) as pool:
         yield from prefetch(pool, loader.__getitem__, range(start, stop), ahead=AHEAD)

@@ -50,6 +50,10 @@ def test_a_flag_out_of_its_range_is_refused_by_its_name(tmp_path, monkeypatch, c
         lambda: DataConfig(kind="kitty"),
         lambda: DataConfig(root=3),
         lambda: Experiment(data={"kind": "synthetic"}),
+        lambda: PrepareConfig(inputs="rgb"),
+        lambda: PrepareConfig(network_size=64),
+        lambda: DataConfig(scenes="0001"),
+        lambda: OptimConfig(start="generator.npz"),
     ],
 )
 def test_so_is_a_value_in_python(make):
@@ -57,6 +61,8 @@ def test_so_is_a_value_in_python(make):
         make()
 
 
-def test_a_path_may_be_text():
+def test_a_path_may_be_text_and_a_tuple_a_list():
     data = DataConfig(root="drives", cache="kept")
     assert (data.root, data.cache) == (Path("drives"), Path("kept"))
+    listed, settings = PrepareConfig(inputs=["rgb", "row"]), PrepareConfig(inputs=("rgb", "row"))
+    assert (listed, hash(listed)) == (settings, hash(settings))

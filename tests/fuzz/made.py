@@ -34,7 +34,7 @@ from jaxsim.pairs.prepared import pairs_fingerprint, pairs_folder, prepared
 from jaxsim.pairs.shards import MadePair, read_note, write_shard
 from jaxsim.runs.frames import RunFrames, read_frames, write_frames
 from jaxsim.runs.kinds import DepthRun, DetectorRun, Run
-from jaxsim.runs.metrics_log import MetricsLog, read_metrics
+from jaxsim.runs.metrics_log import LARGEST, MetricsLog, read_metrics
 from jaxsim.runs.run import Checkpoints, load_run, start_run
 from jaxsim.simulate.folder import claim_frames
 from jaxsim.studies.real2sim2real.charts import checked_kinds
@@ -321,7 +321,7 @@ MADE: dict[str, Reader] = {
     ),
     "loop.json": Reader(one("loop.json", _loop_file()), lambda f: load_loop(str(f / "loop.json")), largest=1e12),
     "checkpoint": Reader(_checkpoint, lambda f: Checkpoints(f).restore("state", TREE), sealed=True),
-    "metrics.jsonl": Reader(_metrics, _read_metrics, ("metrics.jsonl",)),
+    "metrics.jsonl": Reader(_metrics, _read_metrics, ("metrics.jsonl",), largest=LARGEST),
     "scene": Reader(_scene, lambda f: read_scene(f / "s.npz"), sealed=True),
     "pair cache": Reader(_pairs, _read_pairs, sealed=True),
     "prepared set": Reader(_set, _read_set, within=BOUNDS),

@@ -9,7 +9,7 @@ import pytest
 from flax import nnx
 
 from jaxsim import devices
-from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig
+from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published_files import (
     CONVERTERS,
@@ -165,6 +165,19 @@ def original_start(folder, experiment):
         converted(folder, "pix2pixhd_generator", whole),
         converted(folder, "pix2pixhd_discriminator", judge),
     ]
+
+
+def test_a_discriminator_that_nothing_would_use_is_refused(tmp_path):
+    form = {"form": "original", "filters": 4}
+    experiment = Experiment(
+        generator=GeneratorConfig(**form, downsamples=1, blocks=1, enhancers=0, enhancer_blocks=0),
+        discriminator=DiscriminatorConfig(**form, scales=1, layers=1),
+        loss=LossConfig(gan=0.0, reconstruction=1.0),
+    )
+    generator_file, judge_file = original_start(tmp_path, experiment)
+    start_from(untrained(experiment), [generator_file], experiment)
+    with pytest.raises(ValueError, match=r"is a discriminator's, and --loss\.gan 0 trains without one; leave it out"):
+        start_from(untrained(experiment), [generator_file, judge_file], experiment)
 
 
 STARTS = {

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from jaxsim.runs.metrics_log import MetricsLog, TrainingDiverged
+from jaxsim.runs.metrics_log import MetricsLog, TrainingDiverged, read_metrics
 
 
 def test_a_resumed_run_writes_again_what_came_after_its_checkpoint(tmp_path):
@@ -51,12 +51,18 @@ def test_a_half_last_line_is_left_out_and_written_again(tmp_path):
     assert (tmp_path / "metrics.jsonl").read_bytes() == whole
 
 
+def test_a_run_resumes_after_the_largest_gradient(tmp_path):
+    """One that is clipped ends no training."""
+    MetricsLog(tmp_path, 0).write(1, {"grad_norm/generator": float(np.float32(3e38))})
+    assert read_metrics(MetricsLog(tmp_path, 1).path)[0]["step"] == 1
+
+
 @pytest.mark.parametrize(
     "line",
     [
         *("{", "3", '{"loss": 1}', '{"step": "3"}', '{"step": true}'),
-        *('{"step": 3, "loss": NaN}', '{"step": 3, "loss": -1e30}', '{"step": 3, "validation/mae": 1e12}'),
-        *('{"step": 3, "seconds": 1e30}', '{"step": 3, "seconds": "1"}', f'{{"step": 3, "loss": {10**400}}}'),
+        *('{"step": 3, "loss": NaN}', '{"step": 3, "loss": -1e39}', '{"step": 3, "validation/mae": 1e39}'),
+        *('{"step": 3, "loss": "1"}', f'{{"step": 3, "loss": {10**400}}}'),
     ],
 )
 def test_a_line_that_is_none_is_named(tmp_path, line):

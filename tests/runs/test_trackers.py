@@ -74,22 +74,31 @@ def test_one_that_is_not_there_stops_the_run_before_it_begins(module, monkeypatc
         MetricsLog(tmp_path, 0)
 
 
-def test_weights_and_biases_and_mlflow_are_called_as_they_ask(monkeypatch, tmp_path):
+def test_weights_and_biases_has_a_run_of_its_own_for_each_folder_also_of_one_name(monkeypatch, tmp_path):
     told = []
     run = SimpleNamespace(log=lambda values, step: told.append((values, step)))
     monkeypatch.setitem(sys.modules, "wandb", SimpleNamespace(init=lambda **how: told.append(how) or run))
-    metrics_log.wandb(tmp_path, 0)(3, {"loss": 1.0})
-    assert told == [
-        {"dir": str(tmp_path), "id": tmp_path.name, "name": tmp_path.name, "resume": "allow"},
-        ({"loss": 1.0}, 3),
-    ]
-    points = []
+    first, other = tmp_path / "one" / "demo", tmp_path / "two" / "demo"
+    metrics_log.wandb(first, 0)(3, {"loss": 1.0})
+    assert told[1:] == [({"loss": 1.0}, 3)]
+    assert told[0] == {"dir": str(first), "id": told[0]["id"], "name": "demo", "resume": "allow"}
+    metrics_log.wandb(first, 3)
+    metrics_log.wandb(other, 0)
+    assert told[2]["id"] == told[0]["id"] != told[3]["id"]
+
+
+def test_mlflow_goes_on_with_the_run_of_a_folder(monkeypatch, tmp_path):
+    asked, points = [], []
+    begun = SimpleNamespace(info=SimpleNamespace(run_id="0a1b"))
     client = SimpleNamespace(
-        start_run=lambda run_name: None, log_metrics=lambda values, step: points.append((values, step))
+        start_run=lambda **how: asked.append(how) or begun,
+        log_metrics=lambda values, step: points.append((values, step)),
     )
     monkeypatch.setitem(sys.modules, "mlflow", client)
     metrics_log.mlflow(tmp_path, 0)(3, {"ap@0.7": 1.0})
     assert points == [({"ap_at_0.7": 1.0}, 3)]
+    metrics_log.mlflow(tmp_path, 3)
+    assert asked == [{"run_name": tmp_path.name}, {"run_id": "0a1b"}]
 
 
 def test_a_client_that_is_missing_is_named(monkeypatch, tmp_path):

@@ -67,6 +67,26 @@ def test_joined_again_it_is_the_same_run_and_other_runs_are_refused_there(runs, 
         join_runs(runs[:2], out)
 
 
+def test_joined_again_a_run_that_trained_on_stays_as_it_is(runs, tmp_path):
+    """Its first checkpoint, which later ones had replaced, came back in the place of one of them, with its card."""
+    out = tmp_path / "joined"
+    experiment, saved = join_runs(runs, out).experiment, Checkpoints(out)
+    state = saved.restore("state", state_shapes(experiment, CHANNELS))
+    for step in (10, 20):
+        saved.save(step, state=state.replace(step=jnp.int32(step)), generator=state.ema)
+    (out / "card.md").write_text("20 steps")
+    join_runs(runs, out)
+    assert Checkpoints(out).steps == [10, 20]
+    assert (out / "card.md").read_text() == "20 steps"
+
+
+def test_the_joined_runs_epochs_are_as_many_steps_as_each_had(tmp_path):
+    optim = replace(EXPERIMENT.optim, epochs=5)
+    apart = [trained_apart(tmp_path / name, seed, optim=optim) for seed, name in enumerate(("first", "second"))]
+    joined = join_runs(apart, tmp_path / "joined").experiment.optim
+    assert joined.epochs * 2 // joined.batch == optim.epochs * 2 // optim.batch == 5  # of two frames
+
+
 def test_what_trains_nothing_may_differ_and_is_the_firsts(runs, tmp_path):
     other = trained_apart(tmp_path / "other", 8, generator=replace(EXPERIMENT.generator, widen=1.3, looks=2))
     join_runs([runs[0], other], tmp_path / "joined")

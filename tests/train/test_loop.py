@@ -130,6 +130,20 @@ def test_a_stopped_run_ends_with_the_lines_of_an_unstopped_one(tmp_path, monkeyp
     assert Adding(tmp_path / "stopped").run(monkeypatch) == whole  # all is done: nothing is written twice
 
 
+def test_a_run_of_no_steps_or_of_fewer_than_are_done_is_refused(tmp_path, monkeypatch):
+    """Nothing could be loaded of the one; the card and the settings of the other told of fewer steps than it had."""
+    with pytest.raises(ValueError, match=r"has done 0 steps, and the settings are for 0 in all"):
+        Adding(tmp_path / "none").run(monkeypatch, steps=0)
+    assert not (tmp_path / "none").exists()
+    adding = Adding(tmp_path / "run")
+    whole = adding.run(monkeypatch)
+    before = {path.name: path.read_bytes() for path in adding.folder.glob("*.*")}
+    with pytest.raises(ValueError, match=r"has done 7 steps, and the settings are for 6 in all; ask for more"):
+        adding.run(monkeypatch, steps=6)
+    assert {path.name: path.read_bytes() for path in adding.folder.glob("*.*")} == before
+    assert adding.run(monkeypatch) == whole
+
+
 def test_what_is_not_finite_ends_the_run_before_it_is_kept(tmp_path, monkeypatch):
     with pytest.raises(TrainingDiverged, match=r"loss/sum not finite at step 5.*lower --optim\.lr"):
         Adding(tmp_path / "run", diverge=4).run(monkeypatch)
