@@ -29,10 +29,14 @@ def confusion(label: Int[np.ndarray, "*n"], told: Int[np.ndarray, "*n"], classes
 
 
 def class_iou(cells: Confusion) -> Float[np.ndarray, " known"]:
-    """Intersection over union of classes 1 on; NaN where a class is neither there nor told."""
+    """Intersection over union of classes 1 on; NaN where a class is not there.
+
+    What is told of a class that is not there counts against the others, which it was not told to be: as a 0 of its own
+    it would change the number of classes that a mean is over from network to network.
+    """
+    there = cells.sum(1)[1:]
     hits = np.diag(cells)[1:].astype(float)
-    union = cells.sum(0)[1:] + cells.sum(1)[1:] - hits
-    return np.where(union > 0, hits / np.maximum(union, 1), np.nan)
+    return np.where(there > 0, hits / np.maximum(cells.sum(0)[1:] + there - hits, 1), np.nan)
 
 
 def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> Worth:
