@@ -32,16 +32,17 @@ class Detected:
 
 
 def outlines(boxes: Float[np.ndarray, "n 7"], view: View) -> Float[np.ndarray, "n 4"]:
-    """Left, top, right, bottom in pixels of the corners that lie ahead, cut at the image's borders."""
+    """Left, top, right, bottom in pixels of the corners that lie ahead, cut at the image's borders; all 0 where none
+    lies ahead."""
     cam = corners_of(boxes) @ view.cam_from_velo[:3, :3].T + view.cam_from_velo[:3, 3]
     ahead = cam[..., 2] > NEAR_M
     pixel = cam @ view.intrinsics.T
-    # Corners that are not ahead have no pixel; a box without any that is ahead is cut to the image's borders.
     uv = pixel[..., :2] / np.where(ahead, pixel[..., 2], 1)[..., None]
     low = np.where(ahead[..., None], uv, np.inf).min(axis=1, initial=np.inf)
     high = np.where(ahead[..., None], uv, -np.inf).max(axis=1, initial=-np.inf)
     rows, columns = view.size
-    return np.clip(np.concatenate([low, high], axis=1), 0, [columns - 1, rows - 1] * 2)
+    outline = np.clip(np.concatenate([low, high], axis=1), 0, [columns - 1, rows - 1] * 2)
+    return np.where(ahead.any(axis=1, keepdims=True), outline, 0.0)
 
 
 def result_lines(detected: Detected, kind: str, view: View) -> list[str]:

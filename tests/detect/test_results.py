@@ -21,7 +21,10 @@ def test_result_lines_are_the_labels_of_the_same_boxes(kitti):
     np.testing.assert_allclose(np.float64(result[4:8]), np.float64(wanted[4:8]), atol=4)  # drawn by hand
 
 
-def test_a_box_behind_the_camera_has_a_finite_outline():
+def test_a_box_behind_the_camera_has_no_outline():
     boxes = np.array([[-5.0, 0, 0, 4, 2, 1.5, 0], [1.0, 0, -1, 4, 2, 1.5, 0.3]])
-    assert np.isfinite(outlines(boxes, VIEW)).all()
+    behind, around = outlines(boxes, VIEW)
+    assert behind.tolist() == [0, 0, 0, 0]
+    assert np.isfinite(around).all()
+    assert (around[:2] <= around[2:]).all()
     assert outlines(np.zeros((0, 7)), VIEW).shape == (0, 4)
