@@ -80,7 +80,12 @@ def frechet_distance(a: Moments, b: Moments) -> float:
 
 
 def frechet_distance_of(x: Float[np.ndarray, "n d"], y: Float[np.ndarray, "m d"]) -> float:
-    """The same distance straight from features, where samples are fewer than features: no d x d matrix is made."""
+    """The same distance straight from features, where samples are fewer than features: no d x d matrix is made.
+
+    Raises ValueError where a set has fewer than two samples.
+    """
+    if min(len(x), len(y)) < 2:
+        raise ValueError(f"frechet: {len(x)} and {len(y)} samples; one has no covariance: give two or more of each")
     a = np.asarray(x, np.float64)
     b = np.asarray(y, np.float64)
     step = a.mean(0) - b.mean(0)

@@ -71,6 +71,8 @@ def test_the_distance_straight_from_few_samples_is_the_same():
     for n, m in ((9, 7), (60, 80)):
         x, y = rng.standard_normal((n, 30)), 1.3 * rng.standard_normal((m, 30)) - 0.1
         assert frechet_distance_of(x, y) == pytest.approx(frechet_distance(Moments.of(x), Moments.of(y)), rel=1e-9)
+    with pytest.raises(ValueError, match="1 and 80 samples; one has no covariance"):
+        frechet_distance_of(x[:1], y)
 
 
 def test_moments_come_out_alike_however_the_images_arrive():
