@@ -10,7 +10,7 @@ the generator's image as it comes out, before it is rounded to the sensor's step
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -91,22 +91,26 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
     return covered | {"drop_brier": Score(square / seen, "1", seen)}
 
 
-def baseline_frames(guess: Baseline, pairs: Sequence[Pair]) -> PairedSums:
-    """What a fitted baseline makes of each pair."""
-    return [_sums(*guess(pair), pair) for pair in pairs]
+def baseline_frames(fitted: Mapping[str, Baseline], pairs: Iterable[Pair]) -> dict[str, PairedSums]:
+    """What each fitted baseline makes of each pair, which is read once."""
+    sums: dict[str, PairedSums] = {name: [] for name in fitted}
+    for pair in pairs:
+        for name, guess in fitted.items():
+            sums[name].append(_sums(*guess(pair), pair))
+    return sums
 
 
 def baseline_sums(
-    train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
+    train: Iterable[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
 ) -> dict[str, PairedSums]:
     """What each baseline makes of each judged pair; with `trees` also boosted trees (`baselines`).
 
     `previous` holds the frame before each, None where there is none: the previous frame's are of those that have one.
     """
-    fitted = fit_baselines(train, judged)
+    fitted = fit_baselines(train)
     if trees:
         fitted |= {name: fit_trees(train, context=context) for name, context in TREES.items()}
-    sums = {name: baseline_frames(guess, judged) for name, guess in fitted.items()}
+    sums = baseline_frames(fitted, judged)
     copied = [(pair, before) for pair, before in zip(judged, previous, strict=True) if before]
     if copied:
         # The one number of the global mean, wherever it is read.

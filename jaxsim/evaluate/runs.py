@@ -97,7 +97,7 @@ def score_sensor(
     # Scores: the network and the baselines, on the same cells.
     predict = make_predict(learned.generate, prepare)
     networks = network_sums(predict, learned.params, judged)
-    sums = {"network": networks, **baseline_sums(list(train), judged, before, trees=trees)}
+    sums = {"network": networks, **baseline_sums(train, judged, before, trees=trees)}
     # The previous frame is there of some frames alone: it has scores, and no interval beside the others'.
     whole = {name: frames for name, frames in sums.items() if len(frames) == len(judged)}
     scenes = list(judged.scenes)
