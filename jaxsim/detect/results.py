@@ -14,7 +14,6 @@ from jaxtyping import Float, Float32
 
 from jaxsim.detect.scenes import View
 from jaxsim.files import write_text
-from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import camera_boxes, corners_of, wrapped_heading
 
 # Corners nearer than this, or behind the camera, have no pixel that says anything.
@@ -55,22 +54,6 @@ def result_lines(detected: Detected, kind: str, view: View) -> list[str]:
         f"{kind} -1 -1 {' '.join(f'{v:.4f}' for v in (a, *r, *s[::-1], *c, y, score))}"
         for a, r, s, c, y, score in zip(alpha, rectangle, size, centre, yaw, detected.score, strict=True)
     ]
-
-
-def box_lines(labels: Boxes) -> list[str]:
-    """The lines of a label file; alpha follows from the box."""
-    lines = []
-    for k, kind in enumerate(labels.kind):
-        x, y, z = np.asarray(labels.centre_m[k]).tolist()
-        length, width, height = np.asarray(labels.size_m[k]).tolist()
-        yaw = float(labels.yaw_rad[k])
-        alpha = -10.0 if kind.lower() == "dontcare" else float(wrapped_heading(np.array(yaw - np.arctan2(x, z))))
-        numbers = (alpha, *labels.bbox_px[k], height, width, length, x, y, z, yaw)
-        lines.append(
-            f"{kind} {float(labels.truncated[k]):.2f} {int(labels.occluded[k])} "
-            + " ".join(f"{float(v):.4f}" for v in numbers)
-        )
-    return lines
 
 
 def write_lines(path: Path, lines: list[str]) -> None:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from jaxsim.detect.results import Detected, box_lines, outlines, result_lines
+from jaxsim.cloud.kitti_tree import label_lines
+from jaxsim.detect.results import Detected, outlines, result_lines
 from jaxsim.detect.scenes import scene_of_frame
 from tests.detect.tiny import VIEW
 
@@ -10,7 +11,7 @@ from tests.detect.tiny import VIEW
 def test_result_lines_are_the_labels_of_the_same_boxes(kitti):
     found = scene_of_frame(kitti[2], "Car", in_image=True)
     lines = result_lines(Detected(found.boxes[found.target], np.array([0.75], np.float32)), "Car", found.view)
-    label = next(line for line in box_lines(found.labels) if line.startswith("Car "))
+    label = next(line for line in label_lines(found.labels) if line.startswith("Car "))
     (result,) = (line.split() for line in lines)
     wanted = label.split()
     assert result[0] == "Car"
