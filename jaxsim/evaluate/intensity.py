@@ -23,7 +23,15 @@ from jaxsim.evaluate.baselines import Baseline, fit_baselines, fit_trees, previo
 from jaxsim.frame import Array, Pair
 from jaxsim.geometry import resample
 from jaxsim.metrics import Score
-from jaxsim.metrics.frechet import FrechetScore, frechet_score, halves, load_halves, save_halves, statistics_file
+from jaxsim.metrics.frechet import (
+    FrechetScore,
+    frechet_score,
+    halves,
+    load_halves,
+    require_images,
+    save_halves,
+    statistics_file,
+)
 from jaxsim.metrics.inception import Extractor
 from jaxsim.metrics.paired import DROP_BELOW, frame_sums, total_scores
 from jaxsim.pairs.prepared import PreparedPairs
@@ -123,13 +131,6 @@ TREES = {"trees, a cell": False, "trees, context": True}
 """Baselines of boosted trees: name -> whether they see the cell's surroundings."""
 
 
-def baseline_scores(
-    train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None]
-) -> dict[str, dict[str, Score]]:
-    """Scores of each baseline on `judged`, without trees."""
-    return {name: total_scores(sums) for name, sums in baseline_sums(train, judged, previous).items()}
-
-
 BATCH = 8
 
 
@@ -192,7 +193,7 @@ def frechet_of_run(
 
     Raises ValueError, before any image is looked at, where there are too few frames.
     """
-    require_images(len(judged), extractor)
+    require_images(len(judged), extractor.width, name=extractor.score)
     predicted, measured = make_images(generate, prepare)
     data = data_name(judged, prepare)
     about = {"extractor": extractor.name, "data": data}
@@ -204,16 +205,6 @@ def frechet_of_run(
     # Never kept: each checkpoint predicts other images.
     fake = halves(extractor.batches(_in_batches(judged, lambda pair: predicted(params, pair)), BATCH))
     return frechet_score(fake, real, name=extractor.score)
-
-
-def require_images(count: int, extractor: Extractor) -> None:
-    """Raises ValueError where a distance over that many images would be all bias."""
-    if count <= extractor.width:
-        raise ValueError(
-            f"{extractor.score}: {count} frames to judge, {extractor.width} features; a covariance needs more images "
-            f"than features. Judge {extractor.width + 1} frames or more (--frames), or take fewer features "
-            "(--fid-features 64: another score, under another name)"
-        )
 
 
 def frechet_line(score: FrechetScore) -> str:

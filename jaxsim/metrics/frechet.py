@@ -139,20 +139,24 @@ class FrechetScore:
     features: int
 
 
+def require_images(count: int, features: int, *, name: str) -> None:
+    """Raises ValueError where a distance over so many images would be all bias: it needs more than features."""
+    if count <= features:
+        raise ValueError(
+            f"{name}: {count} frames to judge, {features} features; a covariance needs more images than features: "
+            f"judge at least {features + 1} frames (--frames), or take fewer features (--fid-features 64: another "
+            "score, under another name)"
+        )
+
+
 def frechet_score(a: Halves, b: Halves, *, name: str) -> FrechetScore:
     """Distance between two sets of images.
 
     Raises ValueError where a set has no more images than features: its covariance is singular, and the bias of the
     small sample outweighs what is to be seen.
     """
-    first, second = a.whole, b.whole
-    features, fewest = first.mean.size, min(first.count, second.count)
-    if fewest <= features:
-        raise ValueError(
-            f"{name}: {first.count} and {second.count} images, {features} features; a covariance needs more images "
-            f"than features: judge at least {features + 1} frames (--frames), or take fewer features "
-            "(--fid-features 64, which is another score)"
-        )
+    first, second, features = a.whole, b.whole, a.even.mean.size
+    require_images(min(first.count, second.count), features, name=name)
     half = None
     # The bias falls as 1 / n, so halves have about twice that of the whole.
     if min(part.count for part in (*a, *b)) > 1:

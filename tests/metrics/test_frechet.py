@@ -95,7 +95,7 @@ def test_a_set_without_any_spread_is_a_point():
 
 def test_fewer_images_than_features_are_an_error():
     x = np.random.default_rng(2).standard_normal((40, 64))
-    with pytest.raises(ValueError, match=r"fid: 40 and 40 images, 64 features.*at least 65 frames"):
+    with pytest.raises(ValueError, match=r"fid: 40 frames to judge, 64 features.*at least 65 frames"):
         frechet_score(halves([x]), halves([x]), name="fid")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,14 +11,6 @@ INTENSITIES = ("none", "simulated", "measured")
 """Intensities that networks learn from, in the order of the table."""
 Confusion = Int[np.ndarray, "classes classes"]
 """Cells by true class (rows) and told class (columns), of all that returned and have a label."""
-
-
-@dataclass(frozen=True)
-class Worth:
-    """Mean IoU of a kind over the classes that are there: over seeds, and their standard deviation."""
-
-    mean: float
-    spread: float | None
 
 
 def confusion(label: Int[np.ndarray, "*n"], told: Int[np.ndarray, "*n"], classes: int) -> Confusion:
@@ -39,15 +30,14 @@ def class_iou(cells: Confusion) -> Float[np.ndarray, " known"]:
     return np.where(there > 0, hits / np.maximum(cells.sum(0)[1:] + there - hits, 1), np.nan)
 
 
-def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> Worth:
-    """Over classes, then over seeds."""
-    values = np.nanmean(iou, axis=1)
-    return Worth(float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else None)
+def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> float:
+    """Over the classes that are there, then over seeds."""
+    return float(np.nanmean(iou, axis=1).mean())
 
 
 def worth(iou: Mapping[str, Float[np.ndarray, "seeds known"]]) -> float:
     """What simulated intensity gains over none, as a share of what measured intensity does; NaN where that is
     nothing."""
-    mean = {kind: mean_iou(iou[kind]).mean for kind in INTENSITIES}
+    mean = {kind: mean_iou(iou[kind]) for kind in INTENSITIES}
     room = mean["measured"] - mean["none"]
     return (mean["simulated"] - mean["none"]) / room if room > 0 else float("nan")
