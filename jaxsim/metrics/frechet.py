@@ -155,7 +155,8 @@ def frechet_score(a: Halves, b: Halves, *, name: str) -> FrechetScore:
     Raises ValueError where a set has no more images than features: its covariance is singular, and the bias of the
     small sample outweighs what is to be seen.
     """
-    first, second, features = a.whole, b.whole, a.even.mean.size
+    first, second = a.whole, b.whole
+    features = first.mean.size
     require_images(min(first.count, second.count), features, name=name)
     half = None
     # The bias falls as 1 / n, so halves have about twice that of the whole.
