@@ -98,8 +98,7 @@ def main(root: Path, out: Path, flags: Sequence[str]) -> None:
         for other, positions in drives.items():
             if other != drive:
                 judged = [pairs[k] for k in positions]
-                sums = {NETWORK: network_sums(predict, sensor.params, judged)}
-                sums |= {name: baseline_frames(guess, judged) for name, guess in bars.items()}
+                sums = {NETWORK: network_sums(predict, sensor.params, judged), **baseline_frames(bars, judged)}
                 errors = {name: total_scores(of_frames)["mae"].value for name, of_frames in sums.items()}
                 found.append(Judged(drive, other, errors))
     write_text(out / "pairs.json", json.dumps([p._asdict() for p in found], indent=1) + "\n")

@@ -60,14 +60,14 @@ def baselines_of(fold: int, data: DataConfig, experiment: Experiment, out: Path)
     dataset = open_dataset(data)
     judged = prepared(dataset, select(FOLDS[fold], dataset), data, prepare=experiment.prepare)
     train = prepared(dataset, select(f"all but {FOLDS[fold]}", dataset), data, prepare=experiment.prepare)
-    kinds = {"tables": lambda: fit_baselines(list(train), list(judged))}
+    kinds = {"tables": lambda: fit_baselines(train)}
     for name, context in TREES.items():
-        kinds[name] = lambda name=name, context=context: {name: fit_trees(list(train), context=context)}
+        kinds[name] = lambda name=name, context=context: {name: fit_trees(train, context=context)}
     found: dict[str, PairedSums] = {}
     for kind, fit in kinds.items():
         path = out / "sums" / f"{kind.replace(', ', '_').replace(' ', '_')}_{fold}.json"
         if not path.is_file():
-            sums = {name: baseline_frames(guess, judged) for name, guess in fit().items()}
+            sums = baseline_frames(fit(), judged)
             with replacing(path) as temporary:
                 temporary.write_text(json.dumps(sums))
         found |= json.loads(path.read_text())

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Float32
 
 from jaxsim.config import AugmentConfig, VoxelConfig
 from jaxsim.detect.scenes import Scene, View
+from jaxsim.geometry.boxes import wrapped_heading
 from jaxsim.geometry.polar import pad_points
 
 SceneBatch = dict[str, np.ndarray]
@@ -192,8 +193,7 @@ def augment_scene(
     scale = np.float32(rng.uniform(*config.scaling))
     points[:, :3] *= scale
     boxes[:, :6] *= scale
-    # Back into [-pi, pi).
-    boxes[:, 6] -= 2 * np.pi * np.floor(boxes[:, 6] / (2 * np.pi) + 0.5)
+    boxes[:, 6] = wrapped_heading(boxes[:, 6])
     return replace(scene, points=points, boxes=boxes)
 
 

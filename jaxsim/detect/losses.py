@@ -106,7 +106,7 @@ def roi_losses(
     of_box = smooth_l1(box, wanted).sum(axis=-1)
     # A background proposal's box is not learned, and its exponential may overflow: 0 times infinity is no number.
     safe = jnp.where(targets.foreground[..., None], box, 0)
-    of_corners = corner_loss(from_roi(decode(safe, bare), rois).reshape(-1, 7), targets.boxes.reshape(-1, 7))
+    of_corners = corner_loss(refined(safe, rois).reshape(-1, 7), targets.boxes.reshape(-1, 7))
     return {
         "roi_cls": config.roi_cls_weight * bce(cls, targets.score).mean(),
         "roi_reg": config.roi_reg_weight * (of_box * foreground).sum() / count,

@@ -18,8 +18,8 @@ from jaxsim.native import call, floats, integers
 
 Triple = tuple[int, int, int]
 """Numbers of z, y, x."""
-Numbers = dict[str, Triple]
-"""`shape` and `out_shape` of the grids, `kernel`, `stride` and `padding`."""
+Numbers = dict[str, Int[np.ndarray, "3"]]
+"""`shape` and `out_shape` of the grids, `kernel`, `stride` and `padding`: numbers of z, y, x."""
 
 
 def convolve(
@@ -45,14 +45,14 @@ def other_side(table: Int[Array, "m k"], n: int) -> Int[Array, "n k"]:
 def neighbours(inputs: Int[Array, " n"], outputs: Int[Array, " m"], numbers: Numbers) -> Int[Array, "m k"]:
     """`sparse.neighbours` of these keys."""
     shape = integers(len(outputs), int(np.prod(numbers["kernel"])))
-    return call("neighbours", shape, inputs, outputs, **_attributes(numbers))
+    return call("neighbours", shape, inputs, outputs, **numbers)
 
 
 def strided_sites(
     inputs: Int[Array, " n"], capacity: int, numbers: Numbers
 ) -> tuple[Int[Array, " capacity"], Int[Array, ""]]:
     """Keys of `sparse.strided_sites`, and how many did not fit."""
-    return call("strided_sites", (integers(capacity), integers()), inputs, **_attributes(numbers))
+    return call("strided_sites", (integers(capacity), integers()), inputs, **numbers)
 
 
 class Around(NamedTuple):
@@ -92,7 +92,3 @@ def query(
     }
     shapes = integers(len(xyz), samples), integers(len(xyz))
     return call("query", shapes, keys, jax.lax.stop_gradient(xyz), cell, **attributes)
-
-
-def _attributes(numbers: Numbers) -> dict[str, np.ndarray]:
-    return {name: np.array(three, np.int64) for name, three in numbers.items()}

@@ -14,7 +14,6 @@ from jaxtyping import Float, Float32
 
 from jaxsim.detect.scenes import View
 from jaxsim.files import write_text
-from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import camera_boxes, corners_of, wrapped_heading
 
 # Corners nearer than this, or behind the camera, have no pixel that says anything.
@@ -32,16 +31,17 @@ class Detected:
 
 
 def outlines(boxes: Float[np.ndarray, "n 7"], view: View) -> Float[np.ndarray, "n 4"]:
-    """Left, top, right, bottom in pixels of the corners that lie ahead, cut at the image's borders."""
+    """Left, top, right, bottom in pixels of the corners that lie ahead, cut at the image's borders; all 0 where none
+    lies ahead."""
     cam = corners_of(boxes) @ view.cam_from_velo[:3, :3].T + view.cam_from_velo[:3, 3]
     ahead = cam[..., 2] > NEAR_M
     pixel = cam @ view.intrinsics.T
-    # Corners that are not ahead have no pixel; a box without any that is ahead is cut to the image's borders.
     uv = pixel[..., :2] / np.where(ahead, pixel[..., 2], 1)[..., None]
     low = np.where(ahead[..., None], uv, np.inf).min(axis=1, initial=np.inf)
     high = np.where(ahead[..., None], uv, -np.inf).max(axis=1, initial=-np.inf)
     rows, columns = view.size
-    return np.clip(np.concatenate([low, high], axis=1), 0, [columns - 1, rows - 1] * 2)
+    outline = np.clip(np.concatenate([low, high], axis=1), 0, [columns - 1, rows - 1] * 2)
+    return np.where(ahead.any(axis=1, keepdims=True), outline, 0.0)
 
 
 def result_lines(detected: Detected, kind: str, view: View) -> list[str]:
@@ -54,22 +54,6 @@ def result_lines(detected: Detected, kind: str, view: View) -> list[str]:
         f"{kind} -1 -1 {' '.join(f'{v:.4f}' for v in (a, *r, *s[::-1], *c, y, score))}"
         for a, r, s, c, y, score in zip(alpha, rectangle, size, centre, yaw, detected.score, strict=True)
     ]
-
-
-def box_lines(labels: Boxes) -> list[str]:
-    """The lines of a label file; alpha follows from the box."""
-    lines = []
-    for k, kind in enumerate(labels.kind):
-        x, y, z = np.asarray(labels.centre_m[k]).tolist()
-        length, width, height = np.asarray(labels.size_m[k]).tolist()
-        yaw = float(labels.yaw_rad[k])
-        alpha = -10.0 if kind.lower() == "dontcare" else float(wrapped_heading(np.array(yaw - np.arctan2(x, z))))
-        numbers = (alpha, *labels.bbox_px[k], height, width, length, x, y, z, yaw)
-        lines.append(
-            f"{kind} {float(labels.truncated[k]):.2f} {int(labels.occluded[k])} "
-            + " ".join(f"{float(v):.4f}" for v in numbers)
-        )
-    return lines
 
 
 def write_lines(path: Path, lines: list[str]) -> None:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
@@ -150,7 +151,8 @@ def neighbours(inputs: Sites, outputs: Sites, window: ConvWindow) -> Int[Array, 
 
 
 def _numbers(shape: Triple, out_shape: Triple, window: ConvWindow) -> native.Numbers:
-    return {"shape": shape, "out_shape": out_shape, **window._asdict()}
+    numbers = {"shape": shape, "out_shape": out_shape, **window._asdict()}
+    return {name: np.array(three, np.int64) for name, three in numbers.items()}
 
 
 def submanifold_tables(sites: Sites) -> Tables:

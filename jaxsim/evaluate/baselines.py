@@ -13,7 +13,7 @@ neighbouring lines see, the image's exposure. A network that sees the image must
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import cv2
@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.files import need
 from jaxsim.frame import CLASSES, Pair
-from jaxsim.metrics.paired import DROP_BELOW, GroupedCells, group_means, group_medians
+from jaxsim.metrics.paired import DROP_BELOW, GroupLevels, group_levels
 
 BEAM_PLACES = 64
 """Lines that the table tells apart, as the network's `beam` does."""
@@ -51,9 +51,27 @@ Baseline = Callable[[Pair], Guess]
 Group = Callable[[Pair], Int[np.ndarray, "rows columns"]]
 
 
-def row_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
-    """The cell's row in the window."""
-    return np.broadcast_to(np.arange(len(pair.target))[:, None], pair.target.shape)
+class SeenCells(NamedTuple):
+    """The training cells that the camera saw: what tables of them need."""
+
+    intensity: Float[np.ndarray, " n"]
+    returned: Bool[np.ndarray, " n"]
+    share: Float[np.ndarray, " n"]
+    """Of the cell's laser line (`row_share`)."""
+    kind: Int[np.ndarray, " n"]
+    """Class."""
+    place: Int[np.ndarray, " n"]
+    """In the table of line, range and incidence."""
+
+
+def seen_cells(pairs: Iterable[Pair]) -> SeenCells:
+    """The cells of pairs, each of which is read once and let go."""
+    parts = []
+    for pair in pairs:
+        small = class_of(pair).astype(np.int8), place_in_table(pair).astype(np.int16)
+        of_cells = (pair.measured.intensity, pair.measured.valid, pair.row_share, *small)
+        parts.append([np.asarray(raster)[np.asarray(pair.painted.valid)] for raster in of_cells])
+    return SeenCells._make([np.concatenate(column) for column in zip(*parts, strict=True)])
 
 
 def place_in_table(pair: Pair) -> Int[np.ndarray, "rows columns"]:
@@ -68,52 +86,63 @@ def place_in_table(pair: Pair) -> Int[np.ndarray, "rows columns"]:
 TABLE = BEAM_PLACES * (len(RANGES_M) + 1) * (len(ANGLES_RAD) + 1)
 
 
-def one_group(pair: Pair) -> Int[np.ndarray, "rows columns"]:
-    """One group of all cells."""
-    return np.zeros(pair.target.shape, int)
-
-
 def class_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
     """The class that the camera paints on the cell."""
     return np.clip(np.asarray(pair.painted.semantic), 0, CLASSES - 1)
 
 
-def fit_baselines(train: Sequence[Pair], judged: Sequence[Pair] = ()) -> dict[str, Baseline]:
-    """The baselines that tables of training cells give; `judged` may have windows of more rows.
+def fit_baselines(train: Iterable[Pair]) -> dict[str, Baseline]:
+    """The baselines that tables of training cells give; a line that no training cell is of takes what all cells do.
 
     Raises ValueError where no training cell is both seen and returned.
     """
-    rows = max(len(pair.target) for pair in [*train, *judged])
-    groups: dict[str, tuple[Group, int]] = {"global mean": (one_group, 1)}
+    cells = seen_cells(train)
+    shares = np.unique(cells.share)
+
+    def one_group(pair: Pair) -> Int[np.ndarray, "rows columns"]:
+        return np.zeros(pair.target.shape, int)
+
+    def line_of(share: Float[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
+        # By its place in the sensor: windows of several cameras begin at different lines.
+        line = np.searchsorted(shares, share)
+        return np.where(shares[np.minimum(line, len(shares) - 1)] == share, line, len(shares))
+
+    def levels(group: Int[np.ndarray, " n"], groups: int) -> GroupLevels:
+        return group_levels(cells.intensity, cells.returned, group, groups=groups)
+
+    every = levels(np.zeros(len(cells.share), int), 1)
+    line = levels(line_of(cells.share), len(shares) + 1)
+    of_line = lambda pair: line_of(np.asarray(pair.row_share))  # noqa: E731
+    fitted = {"global mean": _of_groups(one_group, every.mean, every.drops)}
     # A source without labels paints 0 everywhere: one class, which is the global mean again.
-    if any((pair.painted.semantic > 0).any() for pair in train):
-        groups["per-class mean"] = class_of, CLASSES
-    groups["per-row mean"] = row_of, rows
-    fitted = {
-        name: _of_groups(group, *group_means(_cells(train, group), count)) for name, (group, count) in groups.items()
-    }
-    medians = {"global median": (one_group, 1), "per-row median": (row_of, rows)}
-    of = {name: group_medians(_cells(train, group), count) for name, (group, count) in medians.items()}
-    fitted |= {name: _of_groups(group, of[name].intensity, of[name].drops) for name, (group, _) in medians.items()}
-    fitted["range, incidence, row"] = _of_table(train, fitted["per-row median"])
+    if cells.kind.any():
+        kind = levels(cells.kind, CLASSES)
+        fitted["per-class mean"] = _of_groups(class_of, kind.mean, kind.drops)
+    fitted["per-row mean"] = _of_groups(of_line, line.mean, line.drops)
+    fitted["global median"] = _of_groups(one_group, every.median, every.drops)
+    fitted["per-row median"] = _of_groups(of_line, line.median, line.drops)
+    fitted["range, incidence, row"] = _of_table(levels(cells.place, TABLE), fitted["per-row median"])
     return fitted
 
 
 def _of_groups(group: Group, intensity: Float[np.ndarray, " n"], drops: Bool[np.ndarray, " n"]) -> Baseline:
     values = intensity.astype(np.float32)
-    return lambda pair: Guess(values[group(pair)], drops[group(pair)])
-
-
-def _of_table(train: Sequence[Pair], otherwise: Baseline) -> Baseline:
-    table = group_medians(_cells(train, place_in_table), TABLE)
-    values = table.intensity.astype(np.float32)
-    # A median of few cells is noise: the line's own is the better guess.
-    known = table.count >= FEWEST_CELLS
 
     def guess(pair: Pair) -> Guess:
-        cell, row = place_in_table(pair), otherwise(pair)
-        inside = known[cell]
-        return Guess(np.where(inside, values[cell], row.intensity), np.where(inside, table.drops[cell], row.drops))
+        of = group(pair)
+        return Guess(values[of], drops[of])
+
+    return guess
+
+
+def _of_table(table: GroupLevels, otherwise: Baseline) -> Baseline:
+    of_table = _of_groups(place_in_table, table.median, table.drops)
+
+    def guess(pair: Pair) -> Guess:
+        # A median of few cells is noise: the line's own is the better guess.
+        known = table.count[place_in_table(pair)] >= FEWEST_CELLS
+        cell, line = of_table(pair), otherwise(pair)
+        return Guess(np.where(known, cell.intensity, line.intensity), np.where(known, cell.drops, line.drops))
 
     return guess
 
@@ -125,12 +154,7 @@ def previous_frame(before: Pair, filling: float) -> Guess:
     return Guess(intensity, ~measured.valid | (measured.intensity < DROP_BELOW))
 
 
-def _cells(pairs: Iterable[Pair], group: Group) -> Iterable[GroupedCells]:
-    for pair in pairs:
-        yield pair.measured.intensity, pair.measured.valid, pair.painted.valid, group(pair)
-
-
-def fit_trees(train: Sequence[Pair], *, context: bool) -> Baseline:
+def fit_trees(train: Iterable[Pair], *, context: bool) -> Baseline:
     """Trees for the intensity of what returns and for the drops. The same frames give the same trees.
 
     Raises ModuleNotFoundError without scikit-learn.

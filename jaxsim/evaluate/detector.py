@@ -13,13 +13,14 @@ import jax
 import numpy as np
 from pydantic import TypeAdapter
 
+from jaxsim.cloud.kitti_tree import label_lines
 from jaxsim.config import DataConfig, DetectorExperiment
 from jaxsim.detect.batches import in_range, inside
 from jaxsim.detect.published import load_published
-from jaxsim.detect.results import Detected, box_lines, result_lines, write_lines
+from jaxsim.detect.results import Detected, result_lines, write_lines
 from jaxsim.detect.scenes import Scene, Scenes, cached_scenes
 from jaxsim.detect.steps import Network, make_detect, network_shapes
-from jaxsim.files import file_of
+from jaxsim.files import file_of, placed
 from jaxsim.frame import Boxes
 from jaxsim.geometry import pad_points, room_for
 from jaxsim.geometry.boxes import lidar_boxes
@@ -129,34 +130,28 @@ def kitti_curves(scenes: Sequence[Scene], detected: Sequence[Detected], experime
     Raises ValueError, with the scene's name, for labels and detections that are not finite.
     """
     kind = experiment.detector.anchors.kind
-    for scene, detections in zip(scenes, detected, strict=True):
-        _check_finite(scene, detections)
     # By way of files: what is scored is what the official tool would read, its decimals included.
     with TemporaryDirectory() as folder:
         labels, results = Path(folder) / "label_2", Path(folder) / "results"
         names = [f"{k:06d}" for k in range(len(scenes))]
         for name, scene, detections in zip(names, scenes, detected, strict=True):
-            write_lines(file_of(labels, name, ".txt", by="eval"), box_lines(counted(scene, experiment)))
+            truth = counted(scene, experiment)
+            # An error of these files would name one that nobody has.
+            with placed(f"detect: {scene.name}"):
+                lines = label_lines(truth)
+            _check_finite(scene.name, detections)
+            write_lines(file_of(labels, name, ".txt", by="eval"), lines)
             write_lines(file_of(results, name, ".txt", by="eval"), result_lines(detections, kind, scene.view))
         return evaluate(read_truth(labels, names), read_detections(results, names), classes=(kind,))
 
 
-def _check_finite(scene: Scene, detected: Detected) -> None:
-    """Scenes are scored by way of files; an error there would name a file that nobody has."""
+def _check_finite(name: str, detected: Detected) -> None:
     broken = np.flatnonzero(~np.isfinite(np.column_stack([detected.boxes, detected.score])).all(axis=1))
     if len(broken):
         raise ValueError(
-            f"detect: {len(broken)} of {len(detected.score)} detections in {scene.name} are not finite, the first "
+            f"detect: {len(broken)} of {len(detected.score)} detections in {name} are not finite, the first "
             f"{detected.boxes[broken[0]].tolist()} with score {detected.score[broken[0]]:g}: a diverged network writes "
             "such; use an earlier checkpoint"
-        )
-    if scene.labels is None:
-        return
-    arrays = (np.asarray(getattr(scene.labels, name)) for name in ("centre_m", "size_m", "yaw_rad", "bbox_px"))
-    finite = np.column_stack([a.reshape(len(scene.labels.kind), -1) for a in arrays])
-    for k in np.flatnonzero(~np.isfinite(finite).all(axis=1))[:1]:
-        raise ValueError(
-            f"detect: label {k} of {scene.name} ({scene.labels.kind[k]}) is not finite; mend it, or leave it out"
         )
 
 

@@ -160,10 +160,6 @@ class _Pictures:
         return np.stack(pictures).astype(np.float32)
 
 
-def _leaves(image: PolarImage) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return np.asarray(image.range_m), np.asarray(image.intensity), np.asarray(image.valid)
-
-
 @jax.jit
 def _counted(image: PolarImage, semantic: Int[Array, "b r c"], grid: PolarGrid) -> Int[Array, "34 8 9 101"]:
     """The table of intensity of a batch of frames."""
@@ -196,7 +192,7 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
                     classes = classes and semantic is not None
                     labels.append(np.zeros(image.valid.shape, np.int32) if semantic is None else semantic)
                     images.append(image)
-                stacked = PolarImage(*(np.stack(leaves) for leaves in zip(*map(_leaves, images), strict=True)))
+                stacked = jax.tree.map(lambda *rasters: np.stack(rasters), *images)
                 table = table + np.asarray(_counted(stacked, np.stack(labels).astype(np.int32), folder.grid))
                 bar.update(len(images))
         tables.append(table)

@@ -10,7 +10,7 @@ the generator's image as it comes out, before it is rounded to the sensor's step
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,15 @@ from jaxsim.evaluate.baselines import Baseline, fit_baselines, fit_trees, previo
 from jaxsim.frame import Array, Pair
 from jaxsim.geometry import resample
 from jaxsim.metrics import Score
-from jaxsim.metrics.frechet import FrechetScore, frechet_score, halves, load_halves, save_halves, statistics_file
+from jaxsim.metrics.frechet import (
+    FrechetScore,
+    frechet_score,
+    halves,
+    load_halves,
+    require_images,
+    save_halves,
+    statistics_file,
+)
 from jaxsim.metrics.inception import Extractor
 from jaxsim.metrics.paired import DROP_BELOW, frame_sums, total_scores
 from jaxsim.pairs.prepared import PreparedPairs
@@ -91,22 +99,26 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
     return covered | {"drop_brier": Score(square / seen, "1", seen)}
 
 
-def baseline_frames(guess: Baseline, pairs: Sequence[Pair]) -> PairedSums:
-    """What a fitted baseline makes of each pair."""
-    return [_sums(*guess(pair), pair) for pair in pairs]
+def baseline_frames(fitted: Mapping[str, Baseline], pairs: Iterable[Pair]) -> dict[str, PairedSums]:
+    """What each fitted baseline makes of each pair, which is read once."""
+    sums: dict[str, PairedSums] = {name: [] for name in fitted}
+    for pair in pairs:
+        for name, guess in fitted.items():
+            sums[name].append(_sums(*guess(pair), pair))
+    return sums
 
 
 def baseline_sums(
-    train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
+    train: Iterable[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
 ) -> dict[str, PairedSums]:
     """What each baseline makes of each judged pair; with `trees` also boosted trees (`baselines`).
 
     `previous` holds the frame before each, None where there is none: the previous frame's are of those that have one.
     """
-    fitted = fit_baselines(train, judged)
+    fitted = fit_baselines(train)
     if trees:
         fitted |= {name: fit_trees(train, context=context) for name, context in TREES.items()}
-    sums = {name: baseline_frames(guess, judged) for name, guess in fitted.items()}
+    sums = baseline_frames(fitted, judged)
     copied = [(pair, before) for pair, before in zip(judged, previous, strict=True) if before]
     if copied:
         # The one number of the global mean, wherever it is read.
@@ -117,13 +129,6 @@ def baseline_sums(
 
 TREES = {"trees, a cell": False, "trees, context": True}
 """Baselines of boosted trees: name -> whether they see the cell's surroundings."""
-
-
-def baseline_scores(
-    train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None]
-) -> dict[str, dict[str, Score]]:
-    """Scores of each baseline on `judged`, without trees."""
-    return {name: total_scores(sums) for name, sums in baseline_sums(train, judged, previous).items()}
 
 
 BATCH = 8
@@ -188,7 +193,7 @@ def frechet_of_run(
 
     Raises ValueError, before any image is looked at, where there are too few frames.
     """
-    require_images(len(judged), extractor)
+    require_images(len(judged), extractor.width, name=extractor.score)
     predicted, measured = make_images(generate, prepare)
     data = data_name(judged, prepare)
     about = {"extractor": extractor.name, "data": data}
@@ -200,16 +205,6 @@ def frechet_of_run(
     # Never kept: each checkpoint predicts other images.
     fake = halves(extractor.batches(_in_batches(judged, lambda pair: predicted(params, pair)), BATCH))
     return frechet_score(fake, real, name=extractor.score)
-
-
-def require_images(count: int, extractor: Extractor) -> None:
-    """Raises ValueError where a distance over that many images would be all bias."""
-    if count <= extractor.width:
-        raise ValueError(
-            f"{extractor.score}: {count} frames to judge, {extractor.width} features; a covariance needs more images "
-            f"than features. Judge {extractor.width + 1} frames or more (--frames), or take fewer features "
-            "(--fid-features 64: another score, under another name)"
-        )
 
 
 def frechet_line(score: FrechetScore) -> str:

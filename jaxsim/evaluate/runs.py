@@ -21,11 +21,10 @@ from jaxsim.evaluate.intensity import (
     coverage,
     frechet_of_run,
     network_sums,
-    require_images,
 )
 from jaxsim.metrics import Score
 from jaxsim.metrics.detection import Curve
-from jaxsim.metrics.frechet import FrechetScore
+from jaxsim.metrics.frechet import FrechetScore, require_images
 from jaxsim.metrics.inception import Extractor
 from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores
 from jaxsim.pairs.prepared import pairs_before, prepared
@@ -92,12 +91,12 @@ def score_sensor(
     train = prepared(own_dataset, learned_from, of_run, prepare=prepare)
     warn_of_seen_pairs(train, judged)
     if extractor:
-        require_images(len(judged), extractor)
+        require_images(len(judged), extractor.width, name=extractor.score)
 
     # Scores: the network and the baselines, on the same cells.
     predict = make_predict(learned.generate, prepare)
     networks = network_sums(predict, learned.params, judged)
-    sums = {"network": networks, **baseline_sums(list(train), judged, before, trees=trees)}
+    sums = {"network": networks, **baseline_sums(train, judged, before, trees=trees)}
     # The previous frame is there of some frames alone: it has scores, and no interval beside the others'.
     whole = {name: frames for name, frames in sums.items() if len(frames) == len(judged)}
     scenes = list(judged.scenes)

@@ -7,6 +7,6 @@ frechet.py inception/       Fréchet distance, and the features of images that i
 bev.py chamfer.py conditional.py rangenet.py sliced_wasserstein.py   as the field of LiDAR generation measures clouds
 """
 
-from jaxsim.metrics.paired import GroupMeans, Score, group_means, paired_scores, paired_sums
+from jaxsim.metrics.paired import Score, paired_scores, paired_sums
 
-__all__ = ["GroupMeans", "Score", "group_means", "paired_scores", "paired_sums"]
+__all__ = ["Score", "paired_scores", "paired_sums"]

@@ -49,5 +49,5 @@ def chamfer(a: _Points, b: _Points) -> Chamfer:
         shared = np.bincount(nearest, minlength=partner.n)[nearest]
         # s = tree.n / partner.n is what n(y) is where this cloud is spread evenly over the other.
         density = np.mean(1 - np.exp(-LIDAR_ALPHA_PER_M2 * square) / shared * (tree.n / partner.n))
-        means.append((np.sqrt(square).mean(), square.mean(), density))
+        means.append((distance.mean(), square.mean(), density))
     return Chamfer(*(float(one + other) / 2 for one, other in zip(*means, strict=True)))

@@ -80,7 +80,12 @@ def frechet_distance(a: Moments, b: Moments) -> float:
 
 
 def frechet_distance_of(x: Float[np.ndarray, "n d"], y: Float[np.ndarray, "m d"]) -> float:
-    """The same distance straight from features, where samples are fewer than features: no d x d matrix is made."""
+    """The same distance straight from features, where samples are fewer than features: no d x d matrix is made.
+
+    Raises ValueError where a set has fewer than two samples.
+    """
+    if min(len(x), len(y)) < 2:
+        raise ValueError(f"frechet: {len(x)} and {len(y)} samples; one has no covariance: give two or more of each")
     a = np.asarray(x, np.float64)
     b = np.asarray(y, np.float64)
     step = a.mean(0) - b.mean(0)
@@ -134,6 +139,16 @@ class FrechetScore:
     features: int
 
 
+def require_images(count: int, features: int, *, name: str) -> None:
+    """Raises ValueError where a distance over so many images would be all bias: it needs more than features."""
+    if count <= features:
+        raise ValueError(
+            f"{name}: {count} frames to judge, {features} features; a covariance needs more images than features: "
+            f"judge at least {features + 1} frames (--frames), or take fewer features (--fid-features 64: another "
+            "score, under another name)"
+        )
+
+
 def frechet_score(a: Halves, b: Halves, *, name: str) -> FrechetScore:
     """Distance between two sets of images.
 
@@ -141,13 +156,8 @@ def frechet_score(a: Halves, b: Halves, *, name: str) -> FrechetScore:
     small sample outweighs what is to be seen.
     """
     first, second = a.whole, b.whole
-    features, fewest = first.mean.size, min(first.count, second.count)
-    if fewest <= features:
-        raise ValueError(
-            f"{name}: {first.count} and {second.count} images, {features} features; a covariance needs more images "
-            f"than features: judge at least {features + 1} frames (--frames), or take fewer features "
-            "(--fid-features 64, which is another score)"
-        )
+    features = first.mean.size
+    require_images(min(first.count, second.count), features, name=name)
     half = None
     # The bias falls as 1 / n, so halves have about twice that of the whole.
     if min(part.count for part in (*a, *b)) > 1:

@@ -9,7 +9,7 @@ a class, a row), and guesses that the group drops where more than half of its tr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -131,77 +131,43 @@ def paired_scores(sums: dict[str, Array]) -> dict[str, Score]:
     }
 
 
-class GroupMeans(NamedTuple):
-    """What a group of cells does on average."""
+class GroupLevels(NamedTuple):
+    """What the cells of each group do."""
 
-    intensity: Float[np.ndarray, " groups"]
-    """Mean over the group's returns, 0..1."""
-    drops: Bool[np.ndarray, " groups"]
-    """Most of the group's cells drop."""
-
-
-GroupedCells = tuple[
-    Float[np.ndarray, "rows columns"],
-    Bool[np.ndarray, "rows columns"],
-    Bool[np.ndarray, "rows columns"],
-    Int[np.ndarray, "rows columns"],
-]
-
-
-def group_means(frames: Iterable[GroupedCells], groups: int) -> GroupMeans:
-    """Averages of the training frames: (intensity 0..1, returned, cells that count, group 0..groups-1) each.
-
-    A group never seen in training takes the mean of all cells. Raises ValueError where no cell counts.
-    """
-    total = np.zeros(groups)
-    count = np.zeros(groups)
-    drops = np.zeros(groups)
-    seen = np.zeros(groups)
-    for intensity, returned, counts, group in frames:
-        both = returned & counts
-        total += np.bincount(group[both], intensity[both], groups)
-        count += np.bincount(group[both], minlength=groups)
-        dropped = counts & (~returned | (intensity < DROP_BELOW))
-        drops += np.bincount(group[dropped], minlength=groups)
-        seen += np.bincount(group[counts], minlength=groups)
-    if not count.sum():
-        raise ValueError("baselines: no training cell is both seen by the camera and returned")
-    overall = total.sum() / count.sum()
-    return GroupMeans(np.where(count > 0, total / np.maximum(count, 1), overall), drops > 0.5 * seen)
-
-
-class GroupMedians(NamedTuple):
-    """What a group of cells does in the middle."""
-
-    intensity: Float[np.ndarray, " groups"]
-    """Median over the group's returns, 0..1."""
+    mean: Float[np.ndarray, " groups"]
+    """Of the group's returns, 0..1."""
+    median: Float[np.ndarray, " groups"]
+    """Of the group's returns, which the absolute error asks for."""
     drops: Bool[np.ndarray, " groups"]
     """Most of the group's cells drop."""
     count: Int[np.ndarray, " groups"]
     """Returns of the group."""
 
 
-def group_medians(frames: Iterable[GroupedCells], groups: int) -> GroupMedians:
-    """As `group_means`, by the median, which the absolute error asks for; a group never seen takes that of all."""
-    values, places = [], []
-    drops, seen = np.zeros(groups), np.zeros(groups)
-    for intensity, returned, counts, group in frames:
-        both = returned & counts
-        values.append(np.asarray(intensity)[both])
-        places.append(np.asarray(group)[both])
-        drops += np.bincount(group[counts & (~returned | (intensity < DROP_BELOW))], minlength=groups)
-        seen += np.bincount(group[counts], minlength=groups)
-    value, index = np.concatenate(values), np.concatenate(places)
-    if not len(value):
+def group_levels(
+    intensity: Float[np.ndarray, " n"], returned: Bool[np.ndarray, " n"], group: Int[np.ndarray, " n"], *, groups: int
+) -> GroupLevels:
+    """Averages of training cells, each with its intensity (0..1) and its group (0..groups-1).
+
+    A group without a return takes the averages of all. Raises ValueError where no cell returned.
+    """
+    if not returned.any():
         raise ValueError("baselines: no training cell is both seen by the camera and returned")
-    order = np.lexsort((value, index))
-    value, count = value[order], np.bincount(index, minlength=groups)
+    value, index = intensity[returned], group[returned]
+    value, count = value[np.lexsort((value, index))], np.bincount(index, minlength=groups)
     # Sorted by group and value, a group's median is the mean of its one or two middle values.
     first = np.cumsum(count) - count
     low, high = first + np.maximum(count - 1, 0) // 2, first + count // 2
     last = len(value) - 1
     middle = (value[np.minimum(low, last)] + value[np.minimum(high, last)]) / 2
-    return GroupMedians(np.where(count > 0, middle, np.median(value)), drops > 0.5 * seen, count)
+    total = np.bincount(index, intensity[returned], groups)
+    dropped = np.bincount(group[~returned | (intensity < DROP_BELOW)], minlength=groups)
+    return GroupLevels(
+        mean=np.where(count > 0, total / np.maximum(count, 1), total.sum() / count.sum()),
+        median=np.where(count > 0, middle, np.median(value)),
+        drops=dropped > 0.5 * np.bincount(group, minlength=groups),
+        count=count,
+    )
 
 
 def frame_sums(
@@ -219,15 +185,13 @@ def total_scores(frames: Sequence[Mapping[str, float]]) -> dict[str, Score]:
 def scene_intervals(frames: Sequence[Mapping[str, float]], scenes: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Interval of each score over scenes, by the jackknife: what it becomes without each of them.
 
-    No interval where there are fewer than two scenes, or without one of them nothing is left to score.
+    No interval where there are fewer than two scenes in which anything is scored.
     """
-    names = sorted(set(scenes))
+    names = _scored_scenes(frames, scenes)
     if len(names) < 2:
         return {}
     # Leaving a scene out costs a sum: no cell is looked at again.
     rest = [[f for f, scene in zip(frames, scenes, strict=True) if scene != name] for name in names]
-    if not all(sum(frame["cells"] for frame in frames) for frames in rest):
-        return {}
     without = [total_scores(frames) for frames in rest]
     values = total_scores(frames)
     return {
@@ -236,12 +200,17 @@ def scene_intervals(frames: Sequence[Mapping[str, float]], scenes: Sequence[str]
     }
 
 
+def _scored_scenes(frames: Sequence[Mapping[str, float]], scenes: Sequence[str]) -> list[str]:
+    """The scenes with a cell to score: others say nothing of how scenes scatter, and would count as scatter of 0."""
+    return sorted({scene for frame, scene in zip(frames, scenes, strict=True) if frame["cells"]})
+
+
 def difference_of(
     first: Sequence[Mapping[str, float]], second: Sequence[Mapping[str, float]], scenes: Sequence[str]
 ) -> tuple[float, float, float]:
     """Mean absolute error of `first` minus that of `second` on the same cells, and its interval over scenes (NaN where
     there are fewer than two): paired, as scenes that are hard for one are hard for the other."""
-    names = sorted(set(scenes))
+    names = _scored_scenes(first, scenes)
     of = {name: [i for i, scene in enumerate(scenes) if scene == name] for name in names}
     top = np.array([sum(first[i]["absolute"] - second[i]["absolute"] for i in of[name]) for name in names])
     cells = np.array([sum(first[i]["cells"] for i in of[name]) for name in names])

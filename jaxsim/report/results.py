@@ -42,13 +42,13 @@ def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number_or_none(value: float) -> float | None:
-    """JSON has no NaN: where nothing counts there is nothing to average."""
-    return None if math.isnan(value) else value
+    """JSON has neither NaN, where nothing counts and there is nothing to average, nor infinity, of errors of 0."""
+    return value if math.isfinite(value) else None
 
 
 def plain_scores(scores: Mapping[str, Score]) -> dict[str, dict[str, Any]]:
     """Scores for JSON."""
-    return {name: score._asdict() for name, score in scores.items()}
+    return {name: score._asdict() | {"value": number_or_none(score.value)} for name, score in scores.items()}
 
 
 def score_heads(scores: Mapping[str, Score]) -> list[str]:

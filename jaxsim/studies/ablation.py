@@ -16,11 +16,12 @@ from markupsafe import Markup
 
 from jaxsim.config import DataConfig, Experiment, InputName, PrepareConfig
 from jaxsim.data import open_dataset, select
-from jaxsim.evaluate.intensity import baseline_scores, frechet_line, frechet_of_run, require_images, score_pairs
+from jaxsim.evaluate.intensity import baseline_sums, frechet_line, frechet_of_run, score_pairs
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.metrics import Score
-from jaxsim.metrics.frechet import FrechetScore
+from jaxsim.metrics.frechet import FrechetScore, require_images
 from jaxsim.metrics.inception import Extractor
+from jaxsim.metrics.paired import total_scores
 from jaxsim.pairs.prepared import prepared
 from jaxsim.prepare import edge_map
 from jaxsim.report.page import figure, image, join_parts, paragraph, section, table, whole_page
@@ -158,10 +159,11 @@ def compare_networks(
     judges = judges_of(recorded, dataset, frames=frames, validation=data.validation)
     judged = prepared(dataset, judges, data, prepare=prepare)
     if extractor:
-        require_images(len(judged), extractor)
+        require_images(len(judged), extractor.width, name=extractor.score)
     learned = positions_of(recorded and recorded.train, dataset, text=data.train, part="training")
     train = prepared(dataset, learned, data, prepare=prepare)
-    baselines = baseline_scores(train, judged, [None] * len(judged))
+    sums = baseline_sums(train, judged, [None] * len(judged))
+    baselines = {name: total_scores(frames) for name, frames in sums.items()}
 
     # Scores.
     rows = []

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from jaxsim.detect.results import Detected, box_lines, outlines, result_lines
+from jaxsim.cloud.kitti_tree import label_lines
+from jaxsim.detect.results import Detected, outlines, result_lines
 from jaxsim.detect.scenes import scene_of_frame
 from tests.detect.tiny import VIEW
 
@@ -10,7 +11,7 @@ from tests.detect.tiny import VIEW
 def test_result_lines_are_the_labels_of_the_same_boxes(kitti):
     found = scene_of_frame(kitti[2], "Car", in_image=True)
     lines = result_lines(Detected(found.boxes[found.target], np.array([0.75], np.float32)), "Car", found.view)
-    label = next(line for line in box_lines(found.labels) if line.startswith("Car "))
+    label = next(line for line in label_lines(found.labels) if line.startswith("Car "))
     (result,) = (line.split() for line in lines)
     wanted = label.split()
     assert result[0] == "Car"
@@ -21,7 +22,10 @@ def test_result_lines_are_the_labels_of_the_same_boxes(kitti):
     np.testing.assert_allclose(np.float64(result[4:8]), np.float64(wanted[4:8]), atol=4)  # drawn by hand
 
 
-def test_a_box_behind_the_camera_has_a_finite_outline():
+def test_a_box_behind_the_camera_has_no_outline():
     boxes = np.array([[-5.0, 0, 0, 4, 2, 1.5, 0], [1.0, 0, -1, 4, 2, 1.5, 0.3]])
-    assert np.isfinite(outlines(boxes, VIEW)).all()
+    behind, around = outlines(boxes, VIEW)
+    assert behind.tolist() == [0, 0, 0, 0]
+    assert np.isfinite(around).all()
+    assert (around[:2] <= around[2:]).all()
     assert outlines(np.zeros((0, 7)), VIEW).shape == (0, 4)

@@ -1,11 +1,14 @@
 """Baselines: each learns what it is for, from cells that count alone; and what intervals over scenes say of them."""
 
+import weakref
+
+import jax
 import numpy as np
 import pytest
 
 from jaxsim.evaluate.baselines import fit_baselines, fit_trees, previous_frame
 from jaxsim.evaluate.intensity import baseline_sums
-from jaxsim.metrics.paired import group_medians, total_scores
+from jaxsim.metrics.paired import total_scores
 from tests.evaluate.made import SHAPE, street
 
 pytestmark = pytest.mark.long
@@ -52,18 +55,34 @@ def test_cells_that_do_not_count_are_never_read():
         np.testing.assert_array_equal(clean[name](JUDGED[0]).intensity, other[name](JUDGED[0]).intensity)
 
 
-def test_group_medians_are_numpys():
-    random = np.random.default_rng(0)
-    value, group = random.random((7, 9)), random.integers(0, 4, (7, 9))
-    every = np.ones((7, 9), bool)
-    found = group_medians([(value, every, every, group), (1 - value, every, every, group)], 6)
-    for k in range(4):
-        both = np.concatenate([value[group == k], 1 - value[group == k]])
-        assert found.intensity[k] == pytest.approx(np.median(both))
-        assert found.count[k] == len(both)
-    assert found.intensity[5] == pytest.approx(0.5)
-    with pytest.raises(ValueError, match="no training cell"):
-        group_medians([(value, ~every, every, group)], 4)
+def test_a_line_is_told_by_its_place_in_the_sensor_wherever_a_window_begins():
+    """Of two cameras one sees the lines from the third on: row 0 of its window is another laser."""
+    whole, cut = TRAIN[0], jax.tree.map(lambda leaf: leaf[2:], TRAIN[0])
+    of_whole, of_both = fit_baselines([whole]), fit_baselines([whole, cut])
+    for name in ("per-row mean", "per-row median", "range, incidence, row"):
+        both = of_both[name](whole).intensity
+        np.testing.assert_allclose(both, of_whole[name](whole).intensity, rtol=1e-6)
+        np.testing.assert_array_equal(of_both[name](cut).intensity, both[2:])
+    # A line that training had not: what all cells do.
+    stranger = cut.replace(row_share=cut.row_share + np.float32(0.01))
+    for kind in ("mean", "median"):
+        of_line, of_all = of_whole[f"per-row {kind}"], of_whole[f"global {kind}"]
+        np.testing.assert_array_equal(of_line(stranger).intensity, of_all(stranger).intensity)
+
+
+def test_training_pairs_are_read_once_and_one_at_a_time():
+    made = []
+
+    def pairs():
+        for seed in range(6):
+            pair = street(seed)
+            made.append(weakref.ref(pair.target))
+            assert sum(target() is not None for target in made) <= 2
+            yield pair
+
+    once, held = fit_baselines(pairs()), fit_baselines(TRAIN)
+    for name in held:
+        np.testing.assert_array_equal(once[name](JUDGED[0]).intensity, held[name](JUDGED[0]).intensity)
 
 
 def test_the_previous_frame_is_copied_and_filled():

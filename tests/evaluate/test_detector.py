@@ -62,8 +62,15 @@ def test_boxes_that_are_not_finite_are_told_by_the_scene_and_not_by_a_file_that_
     with pytest.raises(ValueError, match=r"^detect: 1 of \d+ detections in 000003 are not finite"):
         kitti_curves(SCENES, found, EXPERIMENT)
     labels = replace(SCENES[2].labels, size_m=np.full_like(SCENES[2].labels.size_m, np.inf))
-    with pytest.raises(ValueError, match=r"^detect: label 0 of 000002 \(Car\) is not finite"):
+    with pytest.raises(ValueError, match=r"^detect: 000002: kitti: object 0 \(Car\) .* must be finite"):
         kitti_curves([replace(SCENES[2], labels=labels)], the_labels([SCENES[2]]), EXPERIMENT)
+
+
+def test_labels_are_scored_to_the_last_digit_of_what_they_say():
+    """To two decimals 0.304 would be within the 0.30 of moderate, and the tree's own label files score otherwise."""
+    cut = [replace(s, labels=replace(s.labels, truncated=np.full(len(s.boxes), 0.304, np.float32))) for s in SCENES]
+    counts = {c.difficulty: c.truths for c in kitti_curves(cut, the_labels(), EXPERIMENT)}
+    assert counts == {"easy": 0, "moderate": 0, "hard": 48}
 
 
 def test_hidden_shares_count_as_the_levels_of_their_difficulty():

@@ -71,6 +71,8 @@ def test_the_distance_straight_from_few_samples_is_the_same():
     for n, m in ((9, 7), (60, 80)):
         x, y = rng.standard_normal((n, 30)), 1.3 * rng.standard_normal((m, 30)) - 0.1
         assert frechet_distance_of(x, y) == pytest.approx(frechet_distance(Moments.of(x), Moments.of(y)), rel=1e-9)
+    with pytest.raises(ValueError, match="1 and 80 samples; one has no covariance"):
+        frechet_distance_of(x[:1], y)
 
 
 def test_moments_come_out_alike_however_the_images_arrive():
@@ -93,7 +95,7 @@ def test_a_set_without_any_spread_is_a_point():
 
 def test_fewer_images_than_features_are_an_error():
     x = np.random.default_rng(2).standard_normal((40, 64))
-    with pytest.raises(ValueError, match=r"fid: 40 and 40 images, 64 features.*at least 65 frames"):
+    with pytest.raises(ValueError, match=r"fid: 40 frames to judge, 64 features.*at least 65 frames"):
         frechet_score(halves([x]), halves([x]), name="fid")
 
 

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from jaxsim.metrics import group_means, paired_scores, paired_sums
-from jaxsim.metrics.paired import ssim_map
+from jaxsim.metrics import paired_scores, paired_sums
+from jaxsim.metrics.paired import difference_of, frame_sums, group_levels, scene_intervals, ssim_map
 
 SHAPE = (24, 40)
 
@@ -85,11 +85,37 @@ def test_no_cell_to_score_is_an_error_and_not_a_number():
         scores(x, y, nowhere, nowhere)
 
 
-def test_group_means_are_those_of_returned_cells_and_the_majority_decides_the_drop():
-    intensity = np.array([[0.2, 0.4, 0.9, 0.5]], np.float32)
-    returned = np.array([[True, True, False, False]])
-    counts = np.array([[True, True, True, True]])
-    group = np.array([[0, 0, 1, 1]])
-    means = group_means([(intensity, returned, counts, group)], 3)
-    np.testing.assert_allclose(means.intensity, [0.3, 0.3, 0.3], rtol=1e-6)
-    assert means.drops.tolist() == [False, True, False]
+def test_levels_are_those_of_returned_cells_and_the_majority_decides_the_drop():
+    intensity = np.array([0.2, 0.4, 0.9, 0.5], np.float32)
+    returned = np.array([True, True, False, False])
+    levels = group_levels(intensity, returned, np.array([0, 0, 1, 1]), groups=3)
+    np.testing.assert_allclose(levels.mean, [0.3, 0.3, 0.3], rtol=1e-6)
+    np.testing.assert_allclose(levels.median, [0.3, 0.3, 0.3], rtol=1e-6)
+    assert levels.drops.tolist() == [False, True, False]
+    assert levels.count.tolist() == [2, 0, 0]
+    with pytest.raises(ValueError, match="no training cell"):
+        group_levels(intensity, np.zeros(4, bool), np.zeros(4, int), groups=1)
+
+
+def test_levels_of_groups_are_numpys():
+    random = np.random.default_rng(0)
+    value, group = random.random(126), random.integers(0, 4, 126)
+    found = group_levels(value, np.ones(126, bool), group, groups=6)
+    for k in range(4):
+        assert found.median[k] == pytest.approx(np.median(value[group == k]))
+        assert found.mean[k] == pytest.approx(value[group == k].mean())
+        assert found.count[k] == (group == k).sum()
+    assert (found.mean[5], found.median[5]) == pytest.approx((value.mean(), np.median(value)))
+
+
+def test_scenes_in_which_nothing_is_scored_make_no_interval_narrower():
+    x, y, _ = frames(5)
+    every = np.ones(SHAPE, bool)
+    scored = [frame_sums(x, x < 0.005, y=y, returned=every, m=rows) for rows in (every, np.triu(every))]
+    lost = frame_sums(x, x < 0.005, y=y, returned=~every, m=every)
+    alone, with_lost = (scored, ["a", "b"]), ([*scored, lost, lost], ["a", "b", "c", "d"])
+    assert scene_intervals(*with_lost)["mae"] == scene_intervals(*alone)["mae"]
+    better = [frame_sums(y, y < 0.005, y=y, returned=every, m=every)] * 2
+    assert difference_of(with_lost[0], [*better, lost, lost], with_lost[1]) == difference_of(scored, better, "ab")
+    assert scene_intervals([scored[0], lost], ["a", "b"]) == {}
+    assert np.isnan(difference_of([scored[0], lost], [better[0], lost], ["a", "b"])[1:]).all()

@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from jaxsim.metrics import Score
 from jaxsim.report.results import (
     list_facts,
@@ -52,6 +54,15 @@ def test_scores_are_written_with_name_value_unit_and_count(tmp_path):
     assert content["frames"] == ["a", "b"]
     assert content["scores"]["network"]["psnr"] == {"value": 20.126, "unit": "dB", "count": 10}
     assert (tmp_path / "scores.md").read_text() == f"2 frames\n\n{score_table(SCORES)}\n"
+
+
+def test_json_has_null_where_nothing_counts(tmp_path):
+    """Other programs than Python's refuse a file with NaN or Infinity."""
+    scores = {"drop_iou": Score(float("nan"), "1", 0), "psnr": Score(float("inf"), "dB", 10)}
+    write_list(tmp_path, "generation", scores, about={})
+    strict = json.JSONDecoder(parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    content = strict.decode((tmp_path / "generation.json").read_text())["scores"]
+    assert (content["drop_iou"]["value"], content["psnr"]["value"]) == (None, None)
 
 
 def test_a_list_says_what_was_compared(tmp_path):

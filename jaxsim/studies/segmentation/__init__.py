@@ -15,9 +15,9 @@ the images are the embedded world's, whose classes are of paint and water too: a
     iou.py        how well classes are told, and what intensity is worth
     study.py      which image simulates, learns or is judged when; scores and table
 
-OUT/settings.json, OUT/images/{suburb,town}/NAME.npz (of the embedded world), OUT/intensity/PART.npz,
-OUT/scores/KIND_part0_seed0.json, OUT/segmentation.{md,json}. Its many small networks are no runs
-of `jaxsim.train`: they learn in memory (`descent.py`), and what they tell is kept.
+OUT/settings.json, OUT/images.json (stamps of the folders' images) or OUT/images/{suburb,town}/NAME.npz (of the embedded
+world), OUT/intensity/PART.npz, OUT/scores/KIND_part0_seed0.json, OUT/segmentation.{md,json}. Its many small networks
+are no runs of `jaxsim.train`: they learn in memory (`descent.py`), and what they tell is kept.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ import logging
 from pathlib import Path
 
 from jaxsim.config import SegmentationConfig
-from jaxsim.data.range_images import CLASSES_FILE
+from jaxsim.data.range_images import CLASSES_FILE, range_image_files
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.data.synthetic.labelled import LABEL_CLASSES, write_labelled
 from jaxsim.data.synthetic.world import FRAMES_PER_DRIVE
-from jaxsim.files import claim_settings, write_text
+from jaxsim.files import claim, claim_settings, stamp, write_text
 from jaxsim.progress import Progress
 from jaxsim.report.results import write_results
 from jaxsim.studies.segmentation.iou import INTENSITIES
@@ -45,7 +45,7 @@ def run_segmentation(config: SegmentationConfig) -> Path:
     """Runs all that is missing, prints the table and gives its path.
 
     Raises ValueError where there are no range images, too few for the parts, or other ones to judge than to learn from,
-    and where OUT holds other settings.
+    and where OUT holds other settings, or scores of images that have changed since.
     """
     if not config.seeds or len({*config.seeds}) < len(config.seeds):
         raise ValueError(f"segmentation: --seeds are {config.seeds}; give some, and each once")
@@ -59,6 +59,15 @@ def run_segmentation(config: SegmentationConfig) -> Path:
     if config.root is not None:
         study = Study.of_folders(config, config.root, config.judged)
         claim_settings(kept, config, by="segmentation", free=free)
+        # A score is of a part, and parts are cut anew where images come or go.
+        images = {str(folder): stamp(range_image_files(folder)) for folder in (config.root, config.judged) if folder}
+        claim(
+            config.out / "images.json",
+            images,
+            by="segmentation",
+            text=json.dumps(images, indent=1),
+            note="stamps of the folder's images, which have changed since",
+        )
     else:
         claim_settings(kept, config, by="segmentation", free=free)
         study = Study.of_folders(config, *_embedded(config.out / "images", config.frames))

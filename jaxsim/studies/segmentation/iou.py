@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,14 +13,6 @@ Confusion = Int[np.ndarray, "classes classes"]
 """Cells by true class (rows) and told class (columns), of all that returned and have a label."""
 
 
-@dataclass(frozen=True)
-class Worth:
-    """Mean IoU of a kind over the classes that are there: over seeds, and their standard deviation."""
-
-    mean: float
-    spread: float | None
-
-
 def confusion(label: Int[np.ndarray, "*n"], told: Int[np.ndarray, "*n"], classes: int) -> Confusion:
     """Labelled cells (class above 0) by true and told class."""
     known = label > 0
@@ -29,21 +20,24 @@ def confusion(label: Int[np.ndarray, "*n"], told: Int[np.ndarray, "*n"], classes
 
 
 def class_iou(cells: Confusion) -> Float[np.ndarray, " known"]:
-    """Intersection over union of classes 1 on; NaN where a class is neither there nor told."""
+    """Intersection over union of classes 1 on; NaN where a class is not there.
+
+    What is told of a class that is not there counts against the others, which it was not told to be: as a 0 of its own
+    it would change the number of classes that a mean is over from network to network.
+    """
+    there = cells.sum(1)[1:]
     hits = np.diag(cells)[1:].astype(float)
-    union = cells.sum(0)[1:] + cells.sum(1)[1:] - hits
-    return np.where(union > 0, hits / np.maximum(union, 1), np.nan)
+    return np.where(there > 0, hits / np.maximum(cells.sum(0)[1:] + there - hits, 1), np.nan)
 
 
-def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> Worth:
-    """Over classes, then over seeds."""
-    values = np.nanmean(iou, axis=1)
-    return Worth(float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else None)
+def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> float:
+    """Over the classes that are there, then over seeds."""
+    return float(np.nanmean(iou, axis=1).mean())
 
 
 def worth(iou: Mapping[str, Float[np.ndarray, "seeds known"]]) -> float:
     """What simulated intensity gains over none, as a share of what measured intensity does; NaN where that is
     nothing."""
-    mean = {kind: mean_iou(iou[kind]).mean for kind in INTENSITIES}
+    mean = {kind: mean_iou(iou[kind]) for kind in INTENSITIES}
     room = mean["measured"] - mean["none"]
     return (mean["simulated"] - mean["none"]) / room if room > 0 else float("nan")

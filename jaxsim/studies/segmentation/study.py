@@ -158,7 +158,7 @@ class Study:
         """All figures for JSON."""
         return {
             "iou": {kind: [[number_or_none(x) for x in row] for row in self.iou(kind)] for kind in INTENSITIES},
-            "mean": {kind: mean_iou(self.iou(kind)).mean for kind in INTENSITIES},
+            "mean": {kind: mean_iou(self.iou(kind)) for kind in INTENSITIES},
             "worth": number_or_none(worth({kind: self.iou(kind) for kind in INTENSITIES})),
         }
 
@@ -175,7 +175,7 @@ class Study:
         rows.append(["mean", str(int(cells[1:].sum())), *(_cell(np.nanmean(of[kind], axis=1)) for kind in INTENSITIES)])
         heads = ["IoU", "cells", "no intensity", "simulated", "measured"]
         share = worth(of)
-        gain = mean_iou(of["measured"]).mean - mean_iou(of["none"]).mean
+        gain = mean_iou(of["measured"]) - mean_iou(of["none"])
         words = (
             f"Measured intensity is worth {gain:+.3f} of mean IoU; simulated intensity {100 * share:.0f} % of that."
             if np.isfinite(share)

@@ -1,6 +1,7 @@
 """The command: its table, the embedded world, and wrong settings."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from jaxsim.cli.real2sim2real import run
 from jaxsim.config import GeneratorConfig, SegmentationConfig
 from jaxsim.data.range_images import read_range_images
+from jaxsim.files import write_text
 from jaxsim.studies.segmentation import run_segmentation
 from jaxsim.studies.segmentation.iou import INTENSITIES
 
@@ -29,6 +31,19 @@ def test_tables_come_from_the_scores_of_all_parts(folder, tmp_path):
     assert json.loads((out / "segmentation.json").read_text())["worth"] == pytest.approx(0.5)
     with pytest.raises(ValueError, match="steps"):
         run([*flags, "--steps", "5"])
+
+
+def test_scores_of_images_that_have_changed_since_are_not_taken_for_theirs(folder, tmp_path):
+    """The table would say of twelve images what six scored."""
+    images = shutil.copytree(folder, tmp_path / "images")
+    config = SegmentationConfig(root=images, out=tmp_path / "out")
+    for name in (f"{kind}_part{part}_seed0.json" for kind in INTENSITIES for part in range(3)):
+        write_text(config.out / "scores" / name, '{"confusion": [[0, 0, 0], [0, 1, 0], [0, 0, 1]]}')
+    run_segmentation(config)
+    run_segmentation(config)
+    shutil.copy(images / "05.npz", images / "06.npz")
+    with pytest.raises(ValueError, match=r"images was [0-9a-f]{16}, now .*stamps of the folder's images"):
+        run_segmentation(config)
 
 
 def test_wrong_settings_are_told(folder, tmp_path):
