@@ -10,7 +10,7 @@ from typing import Any
 
 from tyro.conf import UseAppendAction
 
-from jaxsim.cli.gates import ask_gate, check_flags, make_gate
+from jaxsim.cli.gates import EXIT, ask_gate, check_flags, make_gate
 from jaxsim.cli.sides import Sides, check_unpaired
 from jaxsim.config.ranges import Whole
 from jaxsim.data.polar_frames import read_grid
@@ -72,6 +72,11 @@ class Discover(Sides):
     and whose distances may grow by a tenth."""
     fast: bool = False
     """With --gate or --write-gate: compare distances alone, in seconds, and name nothing."""
+
+    @property
+    def failure(self) -> int:
+        """The exit status where it fails: with a gate 1 is a gap."""
+        return EXIT["unsure"] if self.gate else 1
 
     def __call__(self) -> None:
         check_flags(self.gate, self.write_gate, fast=self.fast)

@@ -2,7 +2,7 @@
 
     0     done
     1     something that the user can mend; the line says what
-    2     a command line that cannot be parsed (tyro's)
+    2     a command line that cannot be parsed (tyro's); instead of 1, of commands whose 1 is an answer (gates, watch)
     130   Ctrl-C, 143 SIGTERM: what was begun is saved or gone, and the same command goes on
     141   nobody reads what is written (`| head`)
 
@@ -41,9 +41,9 @@ _REMEDIES = {
 
 
 @contextmanager
-def stop_on_error() -> Iterator[None]:
-    """Ends the program with one line where a user can mend the cause, where it was interrupted, and quietly where
-    nobody reads on. JAXSIM_TRACEBACK=1 shows where it came from.
+def stop_on_error(status: int = 1) -> Iterator[None]:
+    """Ends the program with one line where a user can mend the cause (and this `status`), where it was interrupted, and
+    quietly where nobody reads on. JAXSIM_TRACEBACK=1 shows where it came from.
     """
     try:
         with terminable():
@@ -61,7 +61,11 @@ def stop_on_error() -> Iterator[None]:
         told = words_of(error)
         if told is None or os.environ.get("JAXSIM_TRACEBACK"):
             raise
-        sys.exit(f"error: {told}")
+        line = f"error: {told}"
+        if status == 1:
+            sys.exit(line)
+        print(line, file=sys.stderr)
+        sys.exit(status)
 
 
 def words_of(error: BaseException) -> str | None:
