@@ -130,7 +130,7 @@ def cache() -> Lines:
         return [("cache", "off" if asked == "" else "none: no folder that this user may write to")]
     files = [path for path in folder.rglob("*") if path.is_file()] if folder.is_dir() else []
     size = sum(path.stat().st_size for path in files) / 2**20
-    shown = str(folder).replace(str(Path.home()), "~", 1)
+    shown = str(folder).replace(os.path.expanduser("~"), "~", 1)
     return [("cache", f"{shown}: {len(files)} files, {size:.0f} MiB")]
 
 

@@ -64,7 +64,9 @@ class Evaluation(Checked):
     def __call__(self) -> None:
         out = self.writes_to
         if is_detector(self.run):
-            return judge_run(self.run, self.data, frames=self.frames, out=out)
+            if self.trees or self.fid:
+                raise ValueError(f"eval: {self.run} is a detector's run, which --trees and --fid are not for")
+            return judge_run(self.run, self.data, frames=self.frames, out=out, pictures=self.pictures)
 
         # Scores: the network and the baselines on the same cells, and the Fréchet distance.
         sensor = load(self.run)
