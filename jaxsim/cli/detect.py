@@ -8,14 +8,15 @@ from typing import Annotated
 
 import tyro
 
-from jaxsim.config.ranges import Checked, Count, Whole
+from jaxsim.cli.flags import IntoFolder
+from jaxsim.config.ranges import Count, Whole
 from jaxsim.evaluate.cloud_folder import CloudFolder, clouds_in, detect_folder
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.report.clouds import is_drawn, write_detected
 
 
 @dataclass(frozen=True)
-class Detect(Checked):
+class Detect(IntoFolder):
     """Finds objects in every cloud of a folder.
 
     Writes KITTI result files (results/NAME.txt) and pictures (pictures/NAME_above.png, and NAME_image.png where there
@@ -45,11 +46,6 @@ class Detect(Checked):
     """Checkpoint of the run to use; by default its latest."""
     pictures: Whole = 8
     """Clouds to draw."""
-
-    @property
-    def writes_to(self) -> Path:
-        """The folder that one process has while the command runs."""
-        return self.out
 
     def __call__(self) -> None:
         for name in ("images", "labels"):

@@ -27,8 +27,7 @@ _REMEDIES = {
     errno.ENOSPC: "the disk is full; make room, and the same command goes on",
     errno.EDQUOT: "your quota of the disk is used up; make room, and the same command goes on",
     errno.EFBIG: "the file would be larger than the system allows (ulimit -f)",
-    errno.EACCES: "you may not; mend its permissions, or name another place",
-    errno.EPERM: "you may not; mend its permissions, or name another place",
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "you may not; mend its permissions, or name another place"),
     errno.EROFS: "it cannot be written to: the disk is read-only; name another place",
     errno.EEXIST: "it is there already, and is no folder; name another place",
     errno.ENOTDIR: "a part of the path is a file, not a folder; name another place",
@@ -55,7 +54,9 @@ def stop_on_error(status: int = 1) -> Iterator[None]:
     except KeyboardInterrupt as stop:
         if os.environ.get("JAXSIM_TRACEBACK"):
             raise
-        _say(str(stop) or "stopped; what was finished is kept, and the same command goes on")
+        with suppress(OSError):  # stderr may be gone by now
+            line = str(stop) or "stopped; what was finished is kept, and the same command goes on"
+            print(f"\n{line}", file=sys.stderr, flush=True)
         leave(143 if isinstance(stop, Terminated) else 130)
     except Exception as error:
         told = words_of(error)
@@ -95,9 +96,3 @@ def _has_no_device(error: BaseException) -> bool:
 
 def _first(error: BaseException) -> str:
     return (str(error).strip() or "no message").splitlines()[0][:200]
-
-
-def _say(line: str) -> None:
-    """A line on stderr, which may be gone by now."""
-    with suppress(OSError):
-        print(f"\n{line}", file=sys.stderr, flush=True)
