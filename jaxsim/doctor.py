@@ -19,20 +19,15 @@ DISTRIBUTION = "jaxsim-lidar"
 SAMPLE_FRAME = 1920
 """A street of the embedded world that the packaged sensor has not learned from."""
 PROGRAM_OF = {
-    "array-record": "array_record",
     "opencv-python-headless": "cv2",
-    "orbax-checkpoint": "orbax.checkpoint",
+    "orbax-checkpoint": "orbax",
     "scikit-image": "skimage",
     "scikit-learn": "sklearn",
     "ouster-sdk": "ouster",
-    "apache-beam": "apache_beam",
     "import-linter": "importlinter",
     "pytest-xdist": "xdist",
-    "myst-parser": "myst_parser",
-    "sphinx-copybutton": "sphinx_copybutton",
-    "tensorflow-datasets": "tensorflow_datasets",
 }
-"""Module of each package whose name is another."""
+"""Top module of each package whose name is another."""
 Lines = list[tuple[str, str]]
 """Names, and what is told of each."""
 
@@ -130,7 +125,7 @@ def cache() -> Lines:
         return [("cache", "off" if asked == "" else "none: no folder that this user may write to")]
     files = [path for path in folder.rglob("*") if path.is_file()] if folder.is_dir() else []
     size = sum(path.stat().st_size for path in files) / 2**20
-    shown = str(folder).replace(str(Path.home()), "~", 1)
+    shown = str(folder).replace(os.path.expanduser("~"), "~", 1)
     return [("cache", f"{shown}: {len(files)} files, {size:.0f} MiB")]
 
 
@@ -146,7 +141,7 @@ def installed_extras(extras: dict[str, list[str]]) -> Lines:
 
 def module_of(package: str) -> str:
     """The top module of a package."""
-    return PROGRAM_OF.get(package, package.replace("-", "_")).split(".")[0]
+    return PROGRAM_OF.get(package, package.replace("-", "_"))
 
 
 def sample_run() -> str:

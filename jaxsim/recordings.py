@@ -174,20 +174,21 @@ WHOLE_FILE = {"mcap": write_mcap, "osi": write_osi, "rrd": write_rrd}
 def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int = 0) -> int:
     """Writes a folder's polar frames as clouds, with ring and time a point; how many there are.
 
-    `out` is one file where `to` is one of WHOLE_FILE, else a folder of files NAME.`to`, of which those that are there
-    are not written again. Every `every`-th frame is taken, and at most `most` (0: all). Raises ValueError for a folder
-    without frames, ModuleNotFoundError where the form's own library is not installed.
+    `out` is one file where `to` is one of WHOLE_FILE, else a folder of files NAME.`to`. Every `every`-th frame is
+    taken, and at most `most` (0: all). Raises ValueError for a folder without frames and for an `out` in which clouds
+    would take the frames' place, ModuleNotFoundError where the form's own library is not installed.
     """
     frames = open_polar_frames(folder)
     names = frames.names[::every][: most or None]
     bar = Progress(names, unit="cloud", desc="writing")
     if to in WHOLE_FILE:
         return WHOLE_FILE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
+    if to == "npz" and out.resolve() == folder.resolve():
+        raise ValueError(f"frames: clouds as npz would be written over the frames in {folder}; give another --out")
+    # Those that are there, too: nothing tells of what frames they are.
     for name in bar:
-        path = file_of(out, name, f".{to}", by="frames")
-        if not path.is_file():
-            cloud, time_s = _cloud(frames, name)
-            save_cloud(path, cloud, time_s=time_s)
+        cloud, time_s = _cloud(frames, name)
+        save_cloud(file_of(out, name, f".{to}", by="frames"), cloud, time_s=time_s)
     return len(names)
 
 

@@ -28,6 +28,18 @@ def test_what_is_needed_and_what_is_extra_comes_from_the_package_itself():
     assert {"jax", "jax-cuda13-plugin"} <= {*extras["cuda"]}
 
 
+def test_a_user_without_a_home_is_told_of_the_cache(monkeypatch, tmp_path):
+    """As in a container that runs under a number."""
+
+    def unknown(number):
+        raise KeyError(number)
+
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr("pwd.getpwuid", unknown)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
+    assert doctor.cache() == [("cache", f"{tmp_path}: 0 files, 0 MiB")]
+
+
 def test_an_extra_that_lacks_something_says_what():
     ((_, told),) = installed_extras({"here": ["numpy"], "gone": ["numpy", "no-such-package"]})
     assert told == "gone (lacks no-such-package); here"

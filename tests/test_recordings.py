@@ -54,7 +54,7 @@ def test_a_missing_rerun_is_named(tmp_path, monkeypatch):
     assert not (tmp_path / "a.rrd").exists()
 
 
-def test_a_frame_becomes_a_file_with_a_point_a_return_and_is_not_written_again(tmp_path):
+def test_a_frame_becomes_a_file_with_a_point_a_return(tmp_path):
     folder, _ = sides(tmp_path, scenes=3)
     assert export_frames(folder, tmp_path / "clouds", "npz", every=2) == 2
     frames = open_polar_frames(folder)
@@ -66,9 +66,13 @@ def test_a_frame_becomes_a_file_with_a_point_a_return_and_is_not_written_again(t
         assert len(points) == np.asarray(image.valid).sum()
         distance = np.linalg.norm(points[:, :3], axis=1)
         np.testing.assert_allclose(np.sort(distance), np.sort(image.range_m[image.valid]), rtol=1e-5)
-    files[0].write_bytes(b"kept")
+    # What was there under its name may be of other frames.
+    content = files[0].read_bytes()
+    files[0].write_bytes(b"of another")
     export_frames(folder, tmp_path / "clouds", "npz", most=1)
-    assert files[0].read_bytes() == b"kept"
+    assert files[0].read_bytes() == content
+    with pytest.raises(ValueError, match=r"would be written over the frames in .*; give another --out"):
+        export_frames(folder, folder, "npz")
 
 
 def test_a_folder_without_frames_is_told(tmp_path):

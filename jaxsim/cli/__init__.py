@@ -2,9 +2,9 @@
 
 A command is a row of COMMANDS (or of MODES) and a module of this package. Only the module of the command that is asked
 for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `table` (the rows),
-`commands` (how a row becomes a running command), `console` (what all tell), `source` (flags that several share, and
-their earlier names), `elsewhere` (a command on a cluster), `endings` (how failures are told), and of discover `sides`
-and `gates`.
+`commands` (how a row becomes a running command), `console` (what all tell), `flags` and `source` (what several share),
+`spellings` (earlier names), `elsewhere` (a command on a cluster), `endings` (how failures are told), and of discover
+`sides` and `gates`.
 """
 
 from __future__ import annotations

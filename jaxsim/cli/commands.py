@@ -10,6 +10,7 @@ from inspect import getdoc
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jaxsim.cli.endings import stop_on_error
 from jaxsim.compilation import enable_compilation_cache
 
 
@@ -56,7 +57,7 @@ def find_command(name: str, commands: Mapping[str, Command]) -> Command:
 def call(command: Command, words: Sequence[str], *, name: str) -> None:
     """Runs a command on the words that follow its name; `name` is how the user called it.
 
-    The folder that it `writes_to` is kept for it until it ends.
+    The folder that it `writes_to` is kept for it until it ends; where it fails it ends with its `failure`, or 1.
     """
     from jaxsim.files import working_in  # waits until a command is known, as what reads files imports much
 
@@ -65,7 +66,7 @@ def call(command: Command, words: Sequence[str], *, name: str) -> None:
     if isinstance(entry, type):
         asked = parse(entry, words, name=name, example=command.example)
         folder: Path | None = getattr(asked, "writes_to", None)
-        with working_in(folder) if folder else nullcontext():
+        with stop_on_error(getattr(asked, "failure", 1)), working_in(folder) if folder else nullcontext():
             asked()
     else:
         entry(words)

@@ -8,15 +8,15 @@ from typing import Annotated
 
 import tyro
 
-from jaxsim.config.ranges import Checked, Count, Whole
+from jaxsim.cli.flags import IntoFolder
+from jaxsim.config.ranges import Count, Whole
 from jaxsim.evaluate.cloud_folder import CloudFolder, clouds_in, detect_folder
 from jaxsim.evaluate.detector import load_detector
-from jaxsim.report.clouds import write_detected
-from jaxsim.report.scenes import CLOUDS_PAGE
+from jaxsim.report.clouds import is_drawn, write_detected
 
 
 @dataclass(frozen=True)
-class Detect(Checked):
+class Detect(IntoFolder):
     """Finds objects in every cloud of a folder.
 
     Writes KITTI result files (results/NAME.txt) and pictures (pictures/NAME_above.png, and NAME_image.png where there
@@ -47,11 +47,6 @@ class Detect(Checked):
     pictures: Whole = 8
     """Clouds to draw."""
 
-    @property
-    def writes_to(self) -> Path:
-        """The folder that one process has while the command runs."""
-        return self.out
-
     def __call__(self) -> None:
         for name in ("images", "labels"):
             if getattr(self, name) and not self.calib:
@@ -63,7 +58,7 @@ class Detect(Checked):
         self.folder.claim(self.out, learned, detector=str(self.detector), step=self.step or "latest")
         detections = detect_folder(self.folder, learned, self.out)
         drawn = files[: self.pictures]
-        if drawn and (detections.clouds or not (self.out / CLOUDS_PAGE).is_file()):
+        if drawn and (detections.clouds or not is_drawn(self.folder, drawn, self.out)):
             sentence = f"{kind}s that {self.detector.name} finds in clouds of {self.clouds.name}."
             write_detected(self.folder, drawn, self.out, experiment=experiment, sentence=sentence)
         already = f"{len(files) - detections.clouds} clouds were there"

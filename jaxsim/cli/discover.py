@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tyro.conf import UseAppendAction
-
-from jaxsim.cli.gates import ask_gate, check_flags, make_gate
+from jaxsim.cli.flags import EffectFiles
+from jaxsim.cli.gates import EXIT, ask_gate, check_flags, make_gate
 from jaxsim.cli.sides import Sides, check_unpaired
 from jaxsim.config.ranges import Whole
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.discover.gate import quick_distances
-from jaxsim.discover.verdict import Interval, Verdict
+from jaxsim.discover.verdict import Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report.discovery import write_answer
@@ -39,18 +38,14 @@ class Discover(Sides):
     should imitate: its frames are simulated on the run's polar window, with the ranges of the camera's dense depth, and
     compared with their own scans; they go to OUT/simulated and OUT/measured.
 
-    The answer is one of three: effects of the catalogue (`jaxsim effects` lists it), none, or something that the
-    catalogue does not hold. Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and
-    figures/ to OUT.
+    The answer is one of three: effects of the catalogue (`jaxsim effects`), none, or something that it does not hold.
+    Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and figures/ to OUT.
     """
 
     effects: Path | None = None
     """Effects (sensor.json) that the simulation already has and its frames do not show, as an earlier answer's: what
     does it lack beside these? Feed an answer back, and "none" or the next effect comes out."""
-    effects_from: UseAppendAction[tuple[Path, ...]] = ()
-    """A Python file with an effect of your own (`jaxsim effects new NAME` writes one), to be a candidate beside the
-    catalogue; may be given several times. Its code is run: give only files that you have read. Effects of installed
-    packages (entry points of the group jaxsim.effects) join by themselves."""
+    effects_from: EffectFiles = ()
     nulls: Whole = 0
     """Sets the bar for these very data: draws so many measurements in which nothing is missing (the simulation with
     what is left of these data, its sign changed scene by scene), names in each as in the measured one, and asks of an
@@ -63,9 +58,8 @@ class Discover(Sides):
     """The two folders show different streets (another drive, another town): names need not agree, and fewer effects
     can be told; the answer lists the others. Needs eight drives on each side."""
     gate: Path | None = None
-    """A gate.json with thresholds a channel, effects that may be missing, and a verdict of before: the command ends
-    with 0 where the answer passes, 1 where there is a gap, 2 where it cannot be judged; junit.xml and gate.md say
-    it."""
+    """A gate.json with thresholds a channel, effects that may be missing, a verdict of before: the command ends with 0
+    where the answer passes, 1 where there is a gap, 2 where it cannot be judged; junit.xml and gate.md say it."""
     write_gate: Path | None = None
     """Writes that gate.json from these frames, which you hold to be right, instead of asking one: with --fast
     thresholds a tenth above what they show; without it the whole answer as the baseline, whose effects may be missing
@@ -73,32 +67,33 @@ class Discover(Sides):
     fast: bool = False
     """With --gate or --write-gate: compare distances alone, in seconds, and name nothing."""
 
+    @property
+    def failure(self) -> int:
+        """The exit status where it fails: with a gate 1 is a gap."""
+        return EXIT["unsure"] if self.gate else 1
+
     def __call__(self) -> None:
         check_flags(self.gate, self.write_gate, fast=self.fast)
-        compare = self.distances if self.fast else self.answer
+        check_unpaired(vars(self))
+        compare = (lambda: quick_distances(*self.folders())) if self.fast else self.answer
         if self.gate:
             sys.exit(ask_gate(self.gate, self.out, compare))
         shown = compare()
         if self.write_gate:
             make_gate(self.write_gate, self.out, shown)
 
-    def distances(self) -> dict[str, Interval]:
-        """Distances alone, of frames of one name."""
-        check_unpaired(vars(self))
-        return quick_distances(*self.folders())
-
     def answer(self) -> Verdict:
         """The whole answer, written to `out`."""
-        check_unpaired(vars(self))
         known_effects(self.effects_from)
         simulated, measured = self.folders()
         _log(f"reading {simulated} and {measured}")
         both: dict[str, Any] = {"simulated": simulated, "measured": measured, "log": _log}
+        known = SensorModel()
+        if self.effects:
+            known = SensorModel.load(self.effects, rows=len(read_grid(simulated)[0].elevation_rad))
         if self.unpaired:
             result = discover_unpaired(**both)
         else:
-            rows = len(read_grid(simulated)[0].elevation_rad) if self.effects else None
-            known = SensorModel.load(self.effects, rows=rows) if self.effects else SensorModel()
             result = discover_folders(**both, known=known, nulls=self.nulls, every_frame=self.every_frame)
         report = write_answer(self.out, result)
         print(f"\n{verdict_sentence(result.verdict)}\n\n{report}; beside it verdict.json, sensor.json, figures/")

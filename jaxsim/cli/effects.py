@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import tyro
-from tyro.conf import UseAppendAction
 
+from jaxsim.cli.flags import EffectFiles
 from jaxsim.effects import get_effect
 from jaxsim.effects.own import known_effects
 from jaxsim.effects.page import describe, effects_table
@@ -24,9 +23,7 @@ class Effects:
 
     name: Annotated[str, tyro.conf.Positional] = ""
     """An effect; all where it is not given."""
-    effects_from: UseAppendAction[tuple[Path, ...]] = ()
-    """A Python file with an effect of your own, to list beside the catalogue; may be given several times. Its code is
-    run: give only files that you have read."""
+    effects_from: EffectFiles = ()
 
     def __call__(self) -> None:
         known_effects(self.effects_from)

@@ -4,27 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from jaxsim.cluster import spread, with_absolute_paths
 from jaxsim.simulate.sensor import LearnedSensor, load
 
 
-@runtime_checkable
-class Opens(Protocol):
-    """Flags of a command whose work workers share."""
+class OnWorkers:
+    """Flags of a command whose work workers of a cluster may share."""
+
+    cluster: str | None
+    """Address of their scheduler; none: the work is done here."""
+
+    def maker(self, load_run: Callable[[Path], LearnedSensor]) -> Callable[[Any], Any]:
+        """What does a piece of the work, with the learned sensor of a run."""
+        raise NotImplementedError
 
     def open(self, base: Path) -> Callable[[Any], Any]:
-        """What does a piece of the work; `base` is the folder of who gave the command."""
-        ...
+        """The same on a worker; `base` is the folder of who gave the command."""
+        return self.maker(partial(load_below, base=base))
 
 
 @dataclass(frozen=True)
 class Elsewhere:
     """The command on a worker of a cluster."""
 
-    command: Opens
+    command: OnWorkers
     base: Path
     """The current folder of who gave the command, from which its run may name files."""
 
@@ -33,10 +40,12 @@ class Elsewhere:
         return self.command.open(self.base)
 
 
-def on_cluster(items: Sequence[Any], *, address: str, command: Opens, by: str) -> Iterator[Any]:
-    """What became of each piece of work, done by workers of the scheduler at `address`; `by` begins the messages."""
+def on_cluster(command: OnWorkers, *, by: str) -> Callable[[Sequence[Any]], Iterator[Any]] | None:
+    """What has pieces of a command's work done by the workers of its cluster, and gives what became of each; None where
+    it names no cluster. `by` begins the messages."""
+    address = command.cluster
     job = with_absolute_paths(Elsewhere(command, Path.cwd()))
-    return (done.result for done in spread(address, job, items, by=by))
+    return (lambda items: (done.result for done in spread(address, job, items, by=by))) if address else None
 
 
 def load_below(run: Path, base: Path) -> LearnedSensor:

@@ -2,7 +2,7 @@
 
     0     done
     1     something that the user can mend; the line says what
-    2     a command line that cannot be parsed (tyro's)
+    2     a command line that cannot be parsed (tyro's); instead of 1, of commands whose 1 is an answer (gates, watch)
     130   Ctrl-C, 143 SIGTERM: what was begun is saved or gone, and the same command goes on
     141   nobody reads what is written (`| head`)
 
@@ -27,8 +27,7 @@ _REMEDIES = {
     errno.ENOSPC: "the disk is full; make room, and the same command goes on",
     errno.EDQUOT: "your quota of the disk is used up; make room, and the same command goes on",
     errno.EFBIG: "the file would be larger than the system allows (ulimit -f)",
-    errno.EACCES: "you may not; mend its permissions, or name another place",
-    errno.EPERM: "you may not; mend its permissions, or name another place",
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "you may not; mend its permissions, or name another place"),
     errno.EROFS: "it cannot be written to: the disk is read-only; name another place",
     errno.EEXIST: "it is there already, and is no folder; name another place",
     errno.ENOTDIR: "a part of the path is a file, not a folder; name another place",
@@ -41,9 +40,9 @@ _REMEDIES = {
 
 
 @contextmanager
-def stop_on_error() -> Iterator[None]:
-    """Ends the program with one line where a user can mend the cause, where it was interrupted, and quietly where
-    nobody reads on. JAXSIM_TRACEBACK=1 shows where it came from.
+def stop_on_error(status: int = 1) -> Iterator[None]:
+    """Ends the program with one line where a user can mend the cause (and this `status`), where it was interrupted, and
+    quietly where nobody reads on. JAXSIM_TRACEBACK=1 shows where it came from.
     """
     try:
         with terminable():
@@ -55,13 +54,19 @@ def stop_on_error() -> Iterator[None]:
     except KeyboardInterrupt as stop:
         if os.environ.get("JAXSIM_TRACEBACK"):
             raise
-        _say(str(stop) or "stopped; what was finished is kept, and the same command goes on")
+        with suppress(OSError):  # stderr may be gone by now
+            line = str(stop) or "stopped; what was finished is kept, and the same command goes on"
+            print(f"\n{line}", file=sys.stderr, flush=True)
         leave(143 if isinstance(stop, Terminated) else 130)
     except Exception as error:
         told = words_of(error)
         if told is None or os.environ.get("JAXSIM_TRACEBACK"):
             raise
-        sys.exit(f"error: {told}")
+        line = f"error: {told}"
+        if status == 1:
+            sys.exit(line)
+        print(line, file=sys.stderr)
+        sys.exit(status)
 
 
 def words_of(error: BaseException) -> str | None:
@@ -91,9 +96,3 @@ def _has_no_device(error: BaseException) -> bool:
 
 def _first(error: BaseException) -> str:
     return (str(error).strip() or "no message").splitlines()[0][:200]
-
-
-def _say(line: str) -> None:
-    """A line on stderr, which may be gone by now."""
-    with suppress(OSError):
-        print(f"\n{line}", file=sys.stderr, flush=True)

@@ -33,12 +33,15 @@ class Engines(Checked):
     ] = "carla"
     """The simulator."""
     now: Path | None = None
-    """JSON of parameters that the simulator has now, `{"atmosphere_attenuation_rate": 0.004}`: the answer is what it
-    lacks beside these."""
+    """JSON of parameters that CARLA has now, `{"atmosphere_attenuation_rate": 0.004}`: the answer is what it lacks
+    beside these."""
     out: Path | None = None
     """File to write, in the engine's own format."""
 
     def __call__(self) -> None:
+        if self.out and self.out.suffix == ".md":
+            wanted = self.out.with_suffix(ENGINES[self.engine].suffix)
+            raise ValueError(f"engines: --out {self.out} is where the words go, beside the parameters; give {wanted}")
         known_effects()
         now = _numbers(self.now) if self.now else {}
         told = translate(read_answer(self.sensor), self.engine, ENGINES[self.engine], now=now)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -64,9 +63,10 @@ class Evaluation(Checked):
     def __call__(self) -> None:
         out = self.writes_to
         if is_detector(self.run):
-            return judge_run(self.run, self.data, frames=self.frames, out=out)
+            if self.trees or self.fid:
+                raise ValueError(f"eval: {self.run} is a detector's run, which --trees and --fid are not for")
+            return judge_run(self.run, self.data, frames=self.frames, out=out, pictures=self.pictures)
 
-        # Scores: the network and the baselines on the same cells, and the Fréchet distance.
         sensor = load(self.run)
         of_run = sensor.run.experiment.data
         data, validation = self.data.config(of_run), self.data.validation(of_run)
@@ -81,28 +81,20 @@ class Evaluation(Checked):
             extractor=extractor,
         )
 
-        # Tables and pictures.
-        pairs = judged.pairs
-        tables = write_scores(
-            out,
-            judged.scores,
-            frames=pairs.names,
-            intervals=judged.intervals,
-            differences=judged.differences,
-            scenes=judged.scenes,
-            distribution=judged.distribution,
-        )
-        save_pictures(out, islice(_drawn(judged, sensor), self.pictures), by="eval")
-        print(f"{len(pairs)} frames of {data.kind}\n\n{tables}\n")
+        names = judged.pairs.names
+        over_scenes = {"intervals": judged.intervals, "differences": judged.differences, "scenes": judged.scenes}
+        tables = write_scores(out, judged.scores, frames=names, distribution=judged.distribution, **over_scenes)
+        save_pictures(out, _drawn(judged, sensor, self.pictures), by="eval")
+        print(f"{len(judged.pairs)} frames of {data.kind}\n\n{tables}\n")
         if extractor and judged.frechet:
             write_frechet(out, judged.frechet, extractor=extractor.name)
             print(f"{frechet_line(judged.frechet)}\n")
         print(f"scores and pictures: {out}")
 
 
-def _drawn(judged: SensorScores, sensor: LearnedSensor) -> Iterator[tuple[str, Rgb]]:
-    """The name and the picture of each judged frame."""
-    for name, pair in zip(judged.pairs.names, judged.pairs, strict=True):
+def _drawn(judged: SensorScores, sensor: LearnedSensor, count: int) -> Iterator[tuple[str, Rgb]]:
+    """The name and the picture of each of the first frames that were judged."""
+    for name, pair in zip(judged.pairs.names[:count], judged.pairs, strict=False):
         says = judged.predict(sensor.params, pair)
         spread = None if says.quantiles is None else np.asarray(says.quantiles[..., -1] - says.quantiles[..., 0])
         yield name, pair_picture(pair, np.asarray(says.reported), title=name, spread=spread)

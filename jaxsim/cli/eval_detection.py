@@ -17,9 +17,6 @@ from jaxsim.report.pictures import save_pictures
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import load_run
 
-PICTURES = 4
-"""Scenes of a run that are drawn."""
-
 
 @dataclass(frozen=True)
 class Detection:
@@ -67,11 +64,11 @@ class Detection:
         print(f"AP R11 (before 2019): {out / 'detection.md'}\nall scores and precision-recall curves: {out}")
 
 
-def judge_run(run: Path, data: DataSource, *, frames: str, out: Path) -> None:
+def judge_run(run: Path, data: DataSource, *, frames: str, out: Path, pictures: int) -> None:
     """Scores the last kept checkpoints on a run's validation frames, or on those of another data set.
 
     Prints the last one's table and the mean over all, of fewer than five too; writes both (detection.json, .md) and
-    pictures to `out`. Raises ValueError where no checkpoint is kept.
+    so many `pictures` to `out`. Raises ValueError where no checkpoint is kept.
     """
     experiment = load_run(run, DetectorRun).experiment
     source = data.config(experiment.data)
@@ -82,7 +79,7 @@ def judge_run(run: Path, data: DataSource, *, frames: str, out: Path) -> None:
     mean = mean_words(steps, experiment.run), mean_curves(judged.per_step)
     about = {"run": str(run), "data": source.kind, "frames": len(scenes), "step": steps[-1], "rules": "official"}
     write_detection(out, curves, about=about | {"mean_of_steps": steps}, mean=mean)
-    both = zip(scenes, judged.detections[:PICTURES], strict=False)
+    both = zip(scenes, judged.detections[:pictures], strict=False)
     range_m = experiment.voxels.range_m
     drawn = ((scene.name, detection_picture(scene, boxes, range_m, title="")) for scene, boxes in both)
     save_pictures(out, drawn, by="eval")

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
-from tyro.conf import UseAppendAction
-
-from jaxsim.cli.elsewhere import load_below, on_cluster
+from jaxsim.cli.elsewhere import OnWorkers, on_cluster
+from jaxsim.cli.flags import EffectFiles, IntoFolder, Scheduler
 from jaxsim.cli.source import SYNTHETIC, DataSource
 from jaxsim.cloud.kitti_tree import REACH_M
 from jaxsim.config import CloudRecipe
-from jaxsim.config.ranges import Checked, Count, Positive, Share
+from jaxsim.config.ranges import Count, Positive, Share
 from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
@@ -22,7 +20,7 @@ from jaxsim.simulate.trees import LabelRules, Occlusion, TreeMaker, TreePlan, ch
 
 
 @dataclass(frozen=True)
-class Export(Checked):
+class Export(OnWorkers, IntoFolder):
     """Writes frames as a KITTI tree: OUT/training/{velodyne, calib, label_2, image_2} and OUT/ImageSets.
 
     Objects farther than 80 m, and frames in which no object is left, are left out. A frame's number is its place in
@@ -45,9 +43,7 @@ class Export(Checked):
     effects: Path | None = None
     """Effects (sensor.json) that the learned sensor lacks, for `--recipe.projection grid`; `jaxsim discover` writes
     one."""
-    effects_from: UseAppendAction[tuple[Path, ...]] = ()
-    """A Python file with an effect of your own that --effects names; may be given several times. Its code is run: give
-    only files that you have read."""
+    effects_from: EffectFiles = ()
     occlusion: Occlusion = "levels"
     """Column `occluded` of vkitti2: KITTI's 0, 1, 2 by how much of its box an object fills; the same one level up, so
     that nothing is easy; or the hidden share as a fraction, as the paper has it, which the official evaluation cannot
@@ -60,23 +56,11 @@ class Export(Checked):
     """Write frames without objects too, with an empty label file. OpenPCDet cannot read such a frame for training."""
     workers: Count = 2
     """Frames at work at once."""
-    cluster: str | None = None
-    """Address of a Dask scheduler, tcp://HOST:8786: make the frames on its workers instead of here. They need jaxsim,
-    the data set, the run and OUT under the same paths (docs/many-devices.md)."""
-
-    @property
-    def writes_to(self) -> Path:
-        """The folder that one process has while the command runs."""
-        return self.out
+    cluster: Scheduler = None
 
     def __call__(self) -> None:
         maker = self.maker(load)
-        elsewhere = partial(on_cluster, address=self.cluster, command=self, by="export") if self.cluster else None
-        export_trees(maker.plans, maker.dataset, workers=self.workers, spread=elsewhere)
-
-    def open(self, base: Path) -> TreeMaker:
-        """The maker on a worker of a cluster; `base` is the folder of who gave the command."""
-        return self.maker(partial(load_below, base=base))
+        export_trees(maker.plans, maker.dataset, workers=self.workers, spread=on_cluster(self, by="export"))
 
     def maker(self, load_run: Callable[[Path], LearnedSensor]) -> TreeMaker:
         """What makes the tree. Raises ValueError for flags that name what is not there, or do not fit the data set."""

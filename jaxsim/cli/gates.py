@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from jaxsim.cli.endings import words_of
 from jaxsim.discover.gate import (
     Check,
     Colour,
@@ -51,8 +52,8 @@ def ask_gate(path: Path, out: Path, compare: Callable[[], Compared]) -> int:
         gate = read_gate(path)
         shown = compare()
         checks = check_verdict(gate, shown) if isinstance(shown, Verdict) else check_distances(gate, shown)
-    except (ValueError, FileNotFoundError) as error:
-        checks = (Check("comparison", "unsure", str(error)),)
+    except (ValueError, OSError) as error:
+        checks = (Check("comparison", "unsure", words_of(error) or str(error)),)
     colour = colour_of(checks)
     write_text(out / "junit.xml", junit(checks, seconds=time.monotonic() - begun))
     write_text(out / "gate.md", markdown(checks, title=TITLES[colour]))

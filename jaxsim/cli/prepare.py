@@ -9,13 +9,14 @@ from typing import Annotated
 import jax
 import tyro
 
+from jaxsim.cli.flags import IntoFolder, Scheduler
 from jaxsim.cli.source import SAME, DataSource
 from jaxsim.config import PrepareConfig
-from jaxsim.config.ranges import Checked, Count, Whole
+from jaxsim.config.ranges import Count, Whole
 
 
 @dataclass(frozen=True)
-class Prepare(Checked):
+class Prepare(IntoFolder):
     """Makes the training pairs of a data set once, as a TFDS data set of ArrayRecord files.
 
     Each pair is a frame's camera and LiDAR on one polar grid: laser lines told apart, depth completed, images and
@@ -52,17 +53,10 @@ class Prepare(Checked):
     """A file is what a killed command makes anew, and what a worker of a cluster makes at a time."""
     workers: Whole = 0
     """Processes; 0: one a core."""
-    cluster: str | None = None
-    """Address of a Dask scheduler, tcp://HOST:8786: make the files on its workers instead of processes of this machine.
-    They need jaxsim, the data set and OUT under the same paths (docs/many-devices.md)."""
+    cluster: Scheduler = None
     beam: tuple[str, ...] | None = None
     """Options of Apache Beam, as NAME=VALUE: make the files with it instead of processes of this machine."""
     prepare: PrepareConfig = field(default_factory=PrepareConfig)
-
-    @property
-    def writes_to(self) -> Path:
-        """The folder that one process has while the command runs."""
-        return self.out
 
     def __call__(self) -> None:
         from jaxsim.pairs.sets import make_set  # imports TFDS, which the other commands need not wait for

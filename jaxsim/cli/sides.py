@@ -11,8 +11,8 @@ from typing import Annotated, Any
 
 import tyro
 
+from jaxsim.cli.flags import IntoFolder
 from jaxsim.cli.source import SAME, DataSource
-from jaxsim.config.ranges import Checked
 
 _log = logging.getLogger(__name__).info
 NOT_UNPAIRED = {
@@ -29,7 +29,7 @@ NOT_UNPAIRED = {
 
 
 @dataclass(frozen=True)
-class Sides(Checked):
+class Sides(IntoFolder):
     """Flags that name the two sides."""
 
     out: Path
@@ -50,29 +50,21 @@ class Sides(Checked):
     frames: str = ""
     """Frames to hold a run against: `0-99`. Empty: the run's validation frames, or all of another data set."""
 
-    @property
-    def writes_to(self) -> Path:
-        """The folder that one process has while the command runs."""
-        return self.out
-
     def folders(self) -> tuple[Path, Path]:
         """The simulated and the measured folder: those that were given; those of a run, made in `out`; or, with
         `lambert`, the measured one and Lambert's law on its ranges, made in `out` too.
 
         Raises ValueError where one is missing, and for flags that do not go together.
         """
+        # Networks and their checkpoints, which a command line that is refused need not wait for.
+        from jaxsim.simulate.sensor import load
+        from jaxsim.simulate.sides import write_lambert, write_pairs
+
         if self.lambert and (self.run or self.simulated):
             raise ValueError("discover: --lambert stands for a simulator, and one was given; leave one of them out")
         if self.run:
             if self.measured or self.simulated:
-                raise ValueError(
-                    "discover: a run and --measured or --simulated were given; a run is held against the scans of its "
-                    "data set (--data.kind, --data.root): give one or the other"
-                )
-            # Networks and their checkpoints, which two folders need not wait for.
-            from jaxsim.simulate.sensor import load
-            from jaxsim.simulate.sides import write_pairs
-
+                raise ValueError("discover: a run is held against its own data set; give it or two folders, not both")
             sensor = load(self.run)
             dataset, positions = self.data.open(sensor.run.experiment.data, frames=self.frames)
             return write_pairs(sensor, dataset, positions, out=self.out, log=_log)
@@ -82,8 +74,6 @@ class Sides(Checked):
         sensed = _folder("--measured", self.measured)
         if not self.lambert:
             return _folder("--simulated", self.simulated), sensed
-        from jaxsim.simulate.sides import write_lambert
-
         written = write_lambert(sensed, self.out)
         _log(f"{written}: Lambert's law on the measured ranges; of ranges and losses nothing can be asked")
         return written, sensed
@@ -91,9 +81,7 @@ class Sides(Checked):
 
 def _folder(flag: str, folder: Path | None) -> Path:
     if folder is None:
-        raise ValueError(
-            f"discover: {flag} is missing; give --measured and --simulated (or --lambert), or a trained run"
-        )
+        raise ValueError(f"discover: {flag} is missing; give --measured and --simulated or --lambert, or a trained run")
     if not folder.is_dir():
         raise ValueError(
             f"discover: {flag} {folder} is no folder; give one that holds grid.json and a NAME.npz a frame "

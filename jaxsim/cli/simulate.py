@@ -10,9 +10,10 @@ from typing import Annotated, Literal
 
 import tyro
 
-from jaxsim.cli.elsewhere import load_below, on_cluster
+from jaxsim.cli.elsewhere import OnWorkers, on_cluster
+from jaxsim.cli.flags import EffectFiles, IntoFolder, Scheduler
 from jaxsim.cli.source import SAME, DataSource
-from jaxsim.config.ranges import Checked, Count, Whole
+from jaxsim.config.ranges import Count, Whole
 from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
@@ -24,7 +25,7 @@ from jaxsim.simulate.sensor import LearnedSensor, Projection, load
 
 
 @dataclass(frozen=True)
-class Simulate(Checked):
+class Simulate(OnWorkers, IntoFolder):
     """Simulates the learned sensor of a run over a data set's camera frames.
 
     Writes polar frames (polar/grid.json and NAME.npz), clouds (clouds/NAME.bin ...), pictures and clouds.html, a page
@@ -51,9 +52,7 @@ class Simulate(Checked):
     """Frames to draw."""
     effects: Path | None = None
     """Effects (sensor.json) that the learned sensor lacks; `jaxsim discover` writes one."""
-    effects_from: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """A Python file with an effect of your own that --effects names; may be given several times. Its code is run: give
-    only files that you have read."""
+    effects_from: EffectFiles = ()
     draws: bool = False
     """Draw from the distribution that the network gives (one of --generator.form unet), so that clouds have the
     sensor's scatter, instead of taking what is most likely."""
@@ -65,30 +64,19 @@ class Simulate(Checked):
     is three times as fast as 4, and less near."""
     seed: Whole = 0
     """Of what the effects and draws leave to chance; a frame depends on it and on its place in the data set."""
-    cluster: str | None = None
-    """Address of a Dask scheduler, tcp://HOST:8786: simulate on its workers, a batch at a time, instead of here. They
-    need jaxsim, the run, the data set and OUT under the same paths (docs/many-devices.md)."""
-
-    @property
-    def writes_to(self) -> Path:
-        """The folder that one process has while the command runs."""
-        return self.out
+    cluster: Scheduler = None
 
     def __call__(self) -> None:
         maker = self.maker(load)
         of_run, page = maker.learned.run.experiment.data, self.out / CLOUDS_PAGE
         positions = self.data.choose(maker.dataset, of_run, frames=self.frames)
         source = self.data.config(of_run)
-        elsewhere = partial(on_cluster, address=self.cluster, command=self, by="simulate") if self.cluster else None
-        speed = simulate_folder(maker, positions, source=source, previews=self.previews, spread=elsewhere)
+        spread = on_cluster(self, by="simulate")
+        speed = simulate_folder(maker, positions, source=source, previews=self.previews, spread=spread)
         if (drawn := positions[: self.previews]) and (speed.simulated or not page.exists()):  # to draw, it reads again
             write_simulated(self.out, maker.dataset, drawn, run=self.run.name)
         told = [f"{page} turns the frames that were drawn"] if page.exists() else []
         print(speed.words(self.out, workers=bool(self.cluster)), *told, sep="\n")
-
-    def open(self, base: Path) -> FrameMaker:
-        """The maker on a worker of a cluster; `base` is the folder of who gave the command."""
-        return self.maker(partial(load_below, base=base))
 
     def maker(self, load_run: Callable[[Path], LearnedSensor]) -> FrameMaker:
         """What simulates the data set's frames. Raises ValueError for flags that name what is not there."""

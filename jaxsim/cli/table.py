@@ -16,9 +16,7 @@ COMMANDS = {
         "jaxsim prepare synthetic --train 0-159 --eval 160-199 --out pairs",
     ),
     "train": Command(
-        "train:run",
-        "train an intensity network, a detector or depth completion; resumes",
-        "jaxsim train synthetic",
+        "train:run", "train an intensity network, a detector or depth completion; resumes", "jaxsim train synthetic"
     ),
     "join": Command(
         "join:Join",
@@ -26,9 +24,7 @@ COMMANDS = {
         "jaxsim join runs/first runs/second runs/third --out runs/joined",
     ),
     "grain": Command(
-        "grain:LearnGrain",
-        "learn how cells scatter together, for simulate --draws",
-        "jaxsim grain runs/kitti_drives",
+        "grain:LearnGrain", "learn how cells scatter together, for simulate --draws", "jaxsim grain runs/kitti_drives"
     ),
     "eval": Command(
         "eval:Evaluation",
@@ -36,9 +32,7 @@ COMMANDS = {
         "jaxsim eval runs/demo",
     ),
     "simulate": Command(
-        "simulate:Simulate",
-        "frames, clouds and pictures of a learned sensor",
-        "jaxsim simulate runs/demo --out simulated",
+        "simulate:Simulate", "frames, clouds, pictures of a learned sensor", "jaxsim simulate runs/demo --out simulated"
     ),
     "export": Command(
         "export:Export",
@@ -84,9 +78,7 @@ MODES = {
         "own_effects:NewEffect", "a file of an effect of one's own to begin with", "jaxsim effects new rain_on_lens"
     ),
     "effects check": Command(
-        "own_effects:CheckEffect",
-        "what is wrong with such a file, what it looks like",
-        "jaxsim effects check my.py",
+        "own_effects:CheckEffect", "what is wrong with such a file, what it looks like", "jaxsim effects check my.py"
     ),
     "eval generation": Command(
         "eval_generation:Generation",

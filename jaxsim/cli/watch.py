@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
 
-from jaxsim.cli.endings import words_of
 from jaxsim.config.ranges import Checked
 from jaxsim.discover.watch import Change, Day, watch_days
 from jaxsim.files import write_text
@@ -33,16 +31,13 @@ class Watch(Checked):
     """Folders of later days, in order."""
     out: Path | None = None
     """File for the table (Markdown)."""
+    failure: ClassVar = 2
+    """A folder that is not there is no change of the sensor, which a nightly job asks for."""
 
     def __call__(self) -> None:
         if not self.days:
             raise ValueError("watch: --days names no folder; give those of later days, in order")
-        try:
-            watched = watch_days(self.before, self.days)
-        except (ValueError, OSError) as error:
-            # A folder that is not there is no change of the sensor, which a nightly job asks for.
-            print(f"error: {words_of(error)}", file=sys.stderr)
-            raise SystemExit(2) from error
+        watched = watch_days(self.before, self.days)
         page = watch_table(watched)
         print(page)
         if self.out:

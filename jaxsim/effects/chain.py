@@ -25,7 +25,7 @@ from jaxsim.effects.places import all_rays
 from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan
 from jaxsim.effects.recast import recast
 from jaxsim.effects.region import Region, kept
-from jaxsim.files import check_keys, read_json, real, write_text
+from jaxsim.files import check_keys, placed, read_json, real, write_text
 from jaxsim.frame import PolarImage
 
 LEVELS = {
@@ -244,7 +244,8 @@ class SensorModel:
         if not path.is_file():
             raise ValueError(f"sensor: no file {path}; `jaxsim discover` writes one as OUT/sensor.json")
         content = read_json(path, by="sensor")
-        try:
+        form = '{"effects": [{"name": ..., "parameters": {...}}, ...]}'
+        with placed(f"sensor: {path} is not {form}", KeyError, TypeError, AttributeError):
             check_keys(content, ("effects", "levels", "learned"), where="sensor.json")
             for entry in content["effects"]:
                 check_keys(entry, ("name", "parameters", "from", "where"), where=f"effect {entry['name']}")
@@ -252,36 +253,23 @@ class SensorModel:
             levels = {name: real(value) for name, value in content.get("levels", {}).items()}
             twice = [name for name, count in Counter(name for name, _ in entries).items() if count > 1]
             origins = {entry["name"]: entry.get("from") for entry in content["effects"]}
-            given = [dict(entry) for entry in content.get("learned", [])]
+            laws = list(content.get("learned", []))
             parts = {entry["name"]: entry["where"] for entry in content["effects"] if "where" in entry}
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ValueError(
-                f'sensor: {path} is not {{"effects": [{{"name": ..., "parameters": {{...}}}}, ...]}} ({_said(error)})'
-            ) from error
         if twice:
             raise ValueError(
                 f"sensor: {path} lists {twice[0]} more than once; an effect stands once, with one `where`: keep one, "
                 "or write an effect of your own for the other (`jaxsim effects new`)"
             )
-        try:
+        with placed(f"sensor: {path}"):
             for name, origin in origins.items():
                 check_origin(name, origin)
             regions = {name: Region.from_json(part) for name, part in parts.items()}
-            model = cls(tuple(entries), levels, tuple(map(Learned.from_json, given)), regions)
+            model = cls(tuple(entries), levels, tuple(map(Learned.from_json, laws)), regions)
             if rows is not None:
                 model.values(rows)
                 for law in model.learned:
                     law.check_rows(rows)
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"sensor: {path}: `learned` holds an entry that is no law ({_said(error)})") from error
-        except ValueError as error:
-            raise ValueError(f"sensor: {path}: {error}") from error
         return model
-
-
-def _said(error: Exception) -> str:
-    """What is wrong with a text's content, in words."""
-    return f"it lacks {error}" if isinstance(error, KeyError) else str(error)
 
 
 _all_rays = jax.jit(all_rays)

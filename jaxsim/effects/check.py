@@ -66,7 +66,7 @@ def check_effect(effect: Effect) -> None:
 def check_row(effect: Effect) -> None:
     """Raises ValueError for a name, text, channel, covariate or parameter that cannot be right."""
     name = effect.name
-    if not (isinstance(name, str) and name.isidentifier() and name.islower()) or name in RESERVED:
+    if not may_be_called(name):
         raise ValueError(f"the name is {name!r}; give lower-case words like rain_on_lens, not {', '.join(RESERVED)}")
     if name in EFFECTS and not isinstance(EFFECTS[name], OwnEffect):
         raise ValueError("the catalogue has an effect of this name (`jaxsim effects` lists it); choose another")
@@ -98,6 +98,11 @@ def check_row(effect: Effect) -> None:
         check_names(effect, start)
         for key, value in start.items():
             check_bounds(effect, key, value)
+
+
+def may_be_called(name: Any) -> bool:
+    """Whether an effect may have a name, if it is not taken."""
+    return isinstance(name, str) and name.isidentifier() and name.islower() and name not in RESERVED
 
 
 def _check_parameter(name: str, p: Parameter) -> None:

@@ -13,7 +13,7 @@ Outside its knots a law holds its end values: nothing is extrapolated. `discover
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -24,7 +24,7 @@ from jaxtyping import Float
 from jaxsim.effects.edits import add_intensity, brighten, lose, misread
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import FLOOR, READ, TURN, Array, Rays, Scan
-from jaxsim.files import check_keys, real
+from jaxsim.files import parse_settings, placed
 from jaxsim.products import einsum
 
 LAW_KINDS = ("curve", "table", "periodic", "product", "wave")
@@ -177,28 +177,10 @@ class Learned:
         return entry if self.adds else {name: value for name, value in entry.items() if name != "adds"}
 
     @classmethod
-    def from_json(cls, entry: Mapping[str, Any]) -> Learned:
-        """The law of an entry of sensor.json. Raises ValueError, KeyError or TypeError where it is none."""
-
-        def floats(numbers: Any) -> Numbers:
-            return tuple(map(real, numbers))
-
-        check_keys(entry, [field.name for field in fields(cls)], where="`learned`")
-        return cls(
-            channel=entry["channel"],
-            kind=entry["kind"],
-            covariates=tuple(entry["covariates"]),
-            knots=tuple(map(floats, entry["knots"])),
-            values=floats(entry["values"]),
-            sd=floats(entry["sd"]),
-            adds=_boolean(entry.get("adds", False)),
-        )
-
-
-def _boolean(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise TypeError(f"`adds` is {value!r}; it must be true or false")
-    return value
+    def from_json(cls, entry: Any) -> Learned:
+        """The law of an entry of sensor.json. Raises ValueError where it is none."""
+        with placed("`learned` holds an entry that is no law"):
+            return parse_settings(cls, entry)
 
 
 def hats(x: Float[np.ndarray, "*n"], knots: Float[np.ndarray, " k"]) -> Float[np.ndarray, "*n k"]:

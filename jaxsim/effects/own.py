@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import Any
 
 from jaxsim.effects.catalogue import EFFECTS
-from jaxsim.effects.check import check_effect
+from jaxsim.effects.check import check_effect, may_be_called
 from jaxsim.effects.effect import STAGES, Effect
 from jaxsim.effects.origin import Origin, OwnEffect
 from jaxsim.files import loaded, placed, write_text
@@ -153,7 +153,7 @@ EFFECT = Effect(
 def write_template(name: str, path: Path) -> Path:
     """Writes a commented file of an effect to begin with. Raises ValueError for a name that cannot be one or is taken,
     and where the file is there."""
-    if not (name.isidentifier() and name.islower()) or name in EFFECTS:
+    if not may_be_called(name) or name in EFFECTS:
         why = "taken" if name in EFFECTS else "no name of an effect"
         raise ValueError(f"effects: {name!r} is {why}; give lower-case words like rain_on_lens")
     if path.exists():

@@ -78,7 +78,7 @@ def losses(answer: FittedSensor, now: Mapping[str, float], *, rate: float) -> li
     even = combined(
         answer.one("random_dropout", "probability"), of_classes, answer.levels.get("random_loss"), how=any_loss
     )
-    reach, why_reach = answer.one("range_gate", "maximum_m"), "range_gate: nothing returns from beyond"
+    reach, why_reach = answer.limit("maximum_m"), "range_gate: nothing returns from beyond"
     faint = faint_losses(answer, rate=rate)
     if faint.reach is not None and (reach is None or faint.reach.value < reach.value):
         reach, why_reach = faint.reach, faint.why
@@ -237,4 +237,5 @@ ENGINE = Engine(
         "https://carla.org/Doxygen/html/df/dec/RayCastLidar_8cpp_source.html",
     ),
     defaults={"atmosphere_attenuation_rate": 0.004, "dropoff_general_rate": 0.0, "noise_stddev": 0.0},
+    nearest="its rays begin at the sensor; drop points that lie nearer behind it",
 )

@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import read_json
 
@@ -35,11 +36,13 @@ class FittedSensor:
     """A sensor.json, with the intervals of the verdict.json beside it where there is one."""
 
     effects: dict[str, dict[str, tuple[Estimate, ...]]]
-    """By effect and parameter: one number, or one a beam or class."""
+    """By effect and parameter: one number, or one a beam or class; of effects that act everywhere."""
     levels: dict[str, Estimate]
     """Noise, losses and lattices that no effect explains, by the names of `effects.chain.LEVELS`."""
     learned: int = 0
     """Laws without a name."""
+    in_parts: tuple[str, ...] = ()
+    """Effects that act in a part of the rays or frames alone, which no engine's parameter does."""
     apart: tuple[str, ...] = ()
     """Parameters and levels of which the verdict.json has other values, so that its intervals are not of these."""
 
@@ -51,6 +54,11 @@ class FittedSensor:
     def each(self, effect: str, parameter: str) -> tuple[Estimate, ...]:
         """A parameter's values, one a beam or class; none where the effect was not found."""
         return self.effects.get(effect, {}).get(parameter, ())
+
+    def limit(self, name: Literal["minimum_m", "maximum_m"]) -> Estimate | None:
+        """An end of the ranges that `range_gate` lets through; None where it is open."""
+        end = self.one("range_gate", name)
+        return end if end and end.value != get_effect("range_gate").parameters[name].neutral else None
 
     @property
     def range_noise(self) -> Estimate | None:
@@ -102,7 +110,9 @@ class Engine(NamedTuple):
     links: tuple[str, ...]
     """Its documents, of which the facts are."""
     defaults: Mapping[str, float] = {}
-    """Its own values where nothing is set."""
+    """Its own values where nothing is set: those that `settings` takes into account."""
+    nearest: str = ""
+    """In words, of an engine that has a longest range alone: what does the shortest one instead."""
 
 
 def read_answer(path: Path) -> FittedSensor:
@@ -133,9 +143,10 @@ def read_answer(path: Path) -> FittedSensor:
             key: fitted(value, intervals.get(name, {}).get(key), f"{name}.{key}") for key, value in parameters.items()
         }
         for name, parameters in model.effects
+        if name not in model.regions
     }
     levels = {name: fitted(float(value), missing.get(name), name)[0] for name, value in model.levels.items()}
-    return FittedSensor(effects, levels, len(model.learned), tuple(apart))
+    return FittedSensor(effects, levels, len(model.learned), tuple(model.regions), tuple(apart))
 
 
 def _agree(values: Sequence[float], interval: Any, *, where: str, other: Path) -> bool:
@@ -170,7 +181,13 @@ def _ends(interval: Any, key: str, count: int) -> list[float]:
 def translate(
     answer: FittedSensor, name: str, engine: Engine, *, now: Mapping[str, float] | None = None
 ) -> Translation:
-    """An answer in the words of an engine, whose settings are `now` what the mapping says, else its defaults."""
+    """An answer in the words of an engine, whose settings are `now` what the mapping says, else its defaults.
+
+    Raises ValueError for settings that nothing is made of.
+    """
+    if unknown := sorted({*(now or {})} - {*engine.defaults}):
+        known = f"it may hold {', '.join(engine.defaults)}" if engine.defaults else "leave --now out"
+        raise ValueError(f"engines: of {', '.join(unknown)} in --now nothing is made for {engine.title}; {known}")
     settings = engine.settings(answer, {**engine.defaults, **(now or {})})
     told = [*answer.effects, *answer.levels]
     general = (
@@ -178,6 +195,9 @@ def translate(
         "`jaxsim simulate --effects sensor.json`, or jaxsim.effects on polar frames"
     )
     cannot = {what: engine.instead.get(what, general) for what in told if what not in engine.expresses}
+    if answer.limit("minimum_m") and engine.nearest:
+        cannot["range_gate.minimum_m"] = engine.nearest
+    cannot |= dict.fromkeys(answer.in_parts, f"it acts in a part alone, and {general}")
     if answer.learned:
         cannot["learned law"] = general
     notes = engine.notes
@@ -214,7 +234,7 @@ def mean_bias(answer: FittedSensor, name: str, more: str = "") -> list[Setting]:
 
 def limits_of_range(answer: FittedSensor, *, minimum: str, maximum: str) -> list[Setting]:
     """The engine's settings of these names for the ranges that `range_gate` lets through."""
-    ends = {minimum: answer.one("range_gate", "minimum_m"), maximum: answer.one("range_gate", "maximum_m")}
+    ends = {minimum: answer.limit("minimum_m"), maximum: answer.limit("maximum_m")}
     return [Setting(name, end, "m", "range_gate") for name, end in ends.items() if end is not None]
 
 

@@ -55,10 +55,9 @@ def text(chosen: Sequence[Setting]) -> str:
     """The C call that makes the node."""
     values = {one.name: one.value.value for one in chosen}
     arguments = (values.get(f"distance.{key}", 0.0) for key in ("mean", "st_dev_base", "st_dev_rise_per_meter"))
-    return (
-        "rgl_node_t noise = nullptr;\n"
-        f"rgl_node_gaussian_noise_distance(&noise, {', '.join(f'{value:.6g}f' for value in arguments)});\n"
-    )
+    # As Python writes a float, always with a point or an exponent: C knows no `0f`.
+    literals = ", ".join(f"{float(f'{value:.6g}')}f" for value in arguments)
+    return f"rgl_node_t noise = nullptr;\nrgl_node_gaussian_noise_distance(&noise, {literals});\n"
 
 
 ENGINE = Engine(

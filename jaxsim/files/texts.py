@@ -7,11 +7,12 @@ import math
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from jaxsim.files.whole import check_size
 
@@ -143,11 +144,19 @@ def check_keys(given: Mapping[str, Any], known: Collection[str], *, where: str) 
 def parse_settings(kind: type[Settings], content: Any) -> Settings:
     """A dataclass of settings from the plain values of a JSON text.
 
-    Types are taken as they are written (no "8" or true for a number), and keys must be known. Raises ValueError
-    (pydantic's ValidationError is one).
+    Types are taken as they are written (no "8" or true for a number), and keys must be known. Raises ValueError with
+    the first value that is wrong, in a line.
     """
     adapter = TypeAdapter[Any](kind)
-    settings = adapter.validate_json(json.dumps(content), strict=True)
+    if is_dataclass(kind) and isinstance(content, Mapping):
+        # Before it is said that the key is missing which one of these was to be.
+        check_keys(content, [field.name for field in fields(kind)], where="settings")
+    try:
+        settings = adapter.validate_json(json.dumps(content), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise ValueError(f"{where and f'{where}: '}{first['msg'].removeprefix('Value error, ')}") from error
     _check_tree(content, adapter.dump_python(settings, mode="json"))
     return settings
 

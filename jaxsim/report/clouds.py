@@ -13,21 +13,21 @@ from jaxsim.config import DetectorExperiment
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.evaluate.cloud_folder import CloudFolder, read_points
-from jaxsim.files import file_of
 from jaxsim.frame import Cloud, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report.boxes import draw_above, draw_on_image
 from jaxsim.report.pictures import draw_cloud, save_picture, simulated_picture
 from jaxsim.report.scenes import CLOUDS_PAGE, TurnedScene, cloud_with_boxes, compared_clouds, write_clouds
+from jaxsim.simulate.folder import pictures_of
 
 
 def draw_simulated(out: Path, name: str, cloud: Cloud, *, image: PolarImage, painted: Painted) -> None:
     """Writes one frame's pictures to OUT/previews."""
     points = points_of(cloud)
     view = draw_cloud(points, title=f"{name}: {len(points)} points")
-    save_picture(file_of(out / "previews", name, "_cloud.png", by="simulate"), view)
-    picture = simulated_picture(image, painted, title=name)
-    save_picture(file_of(out / "previews", name, ".png", by="simulate"), picture)
+    of_cloud, of_rasters = pictures_of(out, name)
+    save_picture(of_cloud, view)
+    save_picture(of_rasters, simulated_picture(image, painted, title=name))
 
 
 def write_simulated(out: Path, dataset: Dataset, positions: Sequence[int], *, run: str) -> Path:
@@ -64,14 +64,26 @@ def write_detected(
     return write_clouds(out / CLOUDS_PAGE, scenes, title="jaxsim detect", sentence=sentence, words=words)
 
 
+def is_drawn(folder: CloudFolder, files: Sequence[Path], out: Path) -> bool:
+    """Whether all that `write_detected` writes is there."""
+    paths = (path for file in files for path in _pictures(folder, file, out))
+    return (out / CLOUDS_PAGE).is_file() and all(path.is_file() for path in paths)
+
+
+def _pictures(folder: CloudFolder, file: Path, out: Path) -> list[Path]:
+    """Where the pictures of a cloud lie: from above and, where the folder has images, on its image."""
+    kinds = ("above", "image") if folder.images else ("above",)
+    return [out / "pictures" / f"{file.stem}_{kind}.png" for kind in kinds]
+
+
 def _drawn(folder: CloudFolder, file: Path, out: Path, *, experiment: DetectorExperiment) -> TurnedScene:
     name, points = file.stem, read_points(file)
     view, detected = folder.view(name), folder.detected(name, out / "results")
     labelled = folder.labelled(name, view, experiment.detector.anchors.kind)
     drawn = {"detected": detected.boxes, "score": detected.score, "labelled": labelled, "title": name}
-    pictures = {"above": draw_above(points, experiment.voxels.range_m, **drawn)}
+    pictures = [draw_above(points, experiment.voxels.range_m, **drawn)]
     if folder.images:
-        pictures["image"] = draw_on_image(folder.image(name), view, **drawn)
-    for kind, picture in pictures.items():
-        save_picture(out / "pictures" / f"{name}_{kind}.png", picture)
+        pictures.append(draw_on_image(folder.image(name), view, **drawn))
+    for path, picture in zip(_pictures(folder, file, out), pictures, strict=True):
+        save_picture(path, picture)
     return cloud_with_boxes(name, points, detected=detected.boxes, labelled=labelled)

@@ -32,7 +32,7 @@ _KNOWN = {*PATTERNS, *PRESETS, NO_LINES}
 
 def check_recipe(recipe: CloudRecipe, learned: LearnedSensor | None, effects_model: SensorModel | None = None) -> None:
     """Raises ValueError for lines that nobody knows, for beams of lines that name theirs, for a simulated cloud without
-    a trained sensor, and for effects on a cloud of pixels."""
+    a trained sensor, for another with one, and for effects on a cloud of pixels."""
     if lines_of(recipe) not in _KNOWN and grid_file(recipe) is None:
         names = ", ".join(sorted(_KNOWN))
         raise ValueError(f"clouds: no lines named {recipe.lines!r}; known: {names}, or a folder that holds a grid.json")
@@ -45,6 +45,11 @@ def check_recipe(recipe: CloudRecipe, learned: LearnedSensor | None, effects_mod
         )
     if recipe.source == "simulated" and learned is None:
         raise ValueError("clouds: a simulated cloud needs a trained sensor; name its run with --run runs/NAME")
+    if recipe.source != "simulated" and learned is not None:
+        raise ValueError(
+            f"clouds: a run was given, and no sensor simulates clouds of source {recipe.source}; leave --run out, or "
+            "give --recipe.source simulated"
+        )
     if effects_model is not None and (recipe.source, recipe.projection) != ("simulated", "grid"):
         raise ValueError(
             "clouds: effects act on rays of the sensor's own grid, and a cloud of pixels has none; with --effects give "

@@ -2,6 +2,7 @@
 
 OUT/polar             polar frames: grid.json and NAME.npz
 OUT/clouds            NAME.bin, .pcd ...
+OUT/previews          pictures of the first frames
 OUT/simulation.json   what they are made with: the learned sensor, the data set and the seed
 OUT/sensor.json       the effects that were added, where there are any
 """
@@ -217,15 +218,15 @@ def simulate_folder(
         name: why for name in names if name in there and (why := _anew(out, name, maker.formats, source=sources[name]))
     }
     tell_anew(anew, by="simulate")
-    done = there - {*anew}
+    # Of a frame whose pictures nobody asked for before, what they show is simulated again.
+    undrawn = {name for name in names[:previews] if not all(path.is_file() for path in pictures_of(out, name))}
+    done = there - {*anew} - undrawn
     missing = [position for position, name in zip(positions, names, strict=True) if name not in done]
 
     # Batches.
     begun = time.monotonic()
     already = len(positions) - len(missing)
-    # The first frames that are there have their pictures already, but for those that are made anew.
-    drawn = frozenset(missing[: max(previews - already, 0)])
-    drawn |= {position for position, name in zip(positions[:previews], names, strict=False) if name in anew}
+    drawn = frozenset(missing) & {*positions[:previews]}
     batches = [
         FrameBatch(tuple(chosen), drawn & {*chosen}, first_s, tuple(sources[dataset.name_of(k)] for k in chosen))
         for chosen in (missing[first : first + maker.batch] for first in range(0, len(missing), maker.batch))
@@ -270,6 +271,12 @@ def _files(out: Path, name: str, formats: Sequence[str]) -> list[Path]:
     """All files of a frame that must be there."""
     clouds = (file_of(out / "clouds", name, f".{suffix}", by="simulate") for suffix in formats)
     return [*clouds, file_of(out / "polar", name, ".npz", by="simulate")]
+
+
+def pictures_of(out: Path, name: str) -> tuple[Path, Path]:
+    """Where a frame's pictures lie: that of its cloud, and that of its rasters."""
+    of_cloud = file_of(out / "previews", name, "_cloud.png", by="simulate")
+    return of_cloud, file_of(out / "previews", name, ".png", by="simulate")
 
 
 def claim_frames(out: Path, *, fingerprint: str, data: str, seed: int | None, source: Mapping[str, Any]) -> None:

@@ -86,6 +86,9 @@ def test_pictures_and_page_of_a_resumed_command_are_those_of_a_whole_one(run, ki
     assert len(made) == 3 + 2 + 1
     for path in made:
         assert (cut / path).read_bytes() == (whole / path).read_bytes(), path
+    # More of them are drawn where more are asked for, though nothing is left to find.
+    Detect(run, clouds, cut, pictures=3)()
+    assert (cut / "pictures" / "c_above.png").is_file()
 
 
 @pytest.fixture

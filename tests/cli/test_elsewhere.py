@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxsim.cli.elsewhere import Elsewhere, on_cluster
+from jaxsim.cli.elsewhere import Elsewhere, OnWorkers, on_cluster
 from jaxsim.cluster import Done
 
 
 @dataclass(frozen=True)
-class Named:
+class Named(OnWorkers):
     file: Path
+    cluster: str | None = "tcp://a:1"
 
     def open(self, base: Path):
         return lambda item: f"{self.file} from {base}: {item}"
@@ -26,5 +27,6 @@ def test_a_worker_gets_whole_paths_and_the_folder_of_who_asked(tmp_path, monkeyp
         return (Done(item, work(item), "worker") for item in items)
 
     monkeypatch.setattr("jaxsim.cli.elsewhere.spread", spread)
-    told = [*on_cluster([1, 2], address="tcp://a:1", command=Named(Path("here")), by="test")]
+    told = [*on_cluster(Named(Path("here")), by="test")([1, 2])]
     assert told == [f"{tmp_path / 'here'} from {tmp_path}: {k}" for k in (1, 2)]
+    assert on_cluster(Named(Path("here"), cluster=None), by="test") is None

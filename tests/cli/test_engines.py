@@ -23,6 +23,8 @@ def test_what_is_no_answer_is_refused(tmp_path, answer, capsys):
     (tmp_path / "now.json").write_text('{"noise_stddev": "much"}')
     with pytest.raises(SystemExit, match="must be an object of numbers"):
         main(["engines", str(answer), "--for", "carla", "--now", str(tmp_path / "now.json")])
+    with pytest.raises(SystemExit, match=r"is where the words go, .*; give .*gap\.usda"):
+        main(["engines", str(answer), "--for", "isaac", "--out", str(tmp_path / "gap.md")])
     (answer.parent / "verdict.json").write_text("[]")
     with pytest.raises(SystemExit, match="is not what `jaxsim discover` writes"):
         main(["engines", str(answer), "--for", "carla"])

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.cli.eval_detection import judge_run
-from jaxsim.cli.source import DataSource
+from jaxsim.cli.eval import Evaluation
 from jaxsim.config import RunConfig
 from jaxsim.detect.results import Detected
 from jaxsim.detect.steps import create_state
@@ -48,7 +47,11 @@ def run(tmp_path, monkeypatch):
 
 
 def test_the_mean_over_checkpoints_is_written_with_its_steps(run, capsys):
-    judge_run(run, DataSource(), frames="", out=run / "evaluation")
+    Evaluation(run, pictures=1)()
+    assert len([*(run / "evaluation").glob("*.png")]) == 1
+    for flag in ({"trees": True}, {"fid": "random"}):
+        with pytest.raises(ValueError, match="is a detector's run, which --trees and --fid are not for"):
+            Evaluation(run, **flag)()
     said = (
         "of the last 2 checkpoints, one every 3 steps (steps 3, 6); the paper's is of 5 (the run keeps 2: --run.keep 5)"
     )

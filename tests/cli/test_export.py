@@ -27,6 +27,7 @@ def test_effects_need_rays(tmp_path, six):
         ({"frames": "0", "recipe": CloudRecipe(lines="128")}, "no lines named '128'; known: 32_of_64, 32_wide"),
         ({"frames": "0", "recipe": CloudRecipe(lines="32_of_64", beams=(9, 13))}, "lines 64 --recipe.beams 9 13"),
         ({"frames": "0", "recipe": CloudRecipe(source="simulated")}, "needs a trained sensor.*--run"),
+        ({"frames": "0", "run": Path("embedded")}, r"of source depth; leave --run out, or give --recipe\.source sim"),
         ({"frames": "0", "recipe": CloudRecipe(source="measured", beams=(1,))}, "there are none; name them"),
         ({"frames": "0", "effects": Path("nowhere.json")}, r"no file nowhere\.json"),
         ({"frames": "1-2"}, "no frame of 2 is left"),

@@ -1,13 +1,15 @@
 """A gate as `jaxsim discover` asks and writes it, of an answer and of distances."""
 
+import errno
 import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
 
+from jaxsim.cli import main
 from jaxsim.cli.gates import ask_gate, check_flags, junit, make_gate, markdown
-from jaxsim.discover.gate import Check
+from jaxsim.discover.gate import Check, save_gate
 from jaxsim.discover.verdict import Interval
 from tests.report import results
 
@@ -36,6 +38,10 @@ def refused():
     raise ValueError("2 scenes")
 
 
+def unreadable():
+    raise PermissionError(errno.EACCES, "Permission denied", "measured")
+
+
 @pytest.mark.parametrize(
     ("most", "compare", "status", "title"),
     [
@@ -43,6 +49,7 @@ def refused():
         (0.05, lambda: DISTANCES, 1, "The simulation lacks something"),
         (0.095, lambda: DISTANCES, 2, "This cannot be judged for certain"),
         (0.2, refused, 2, "This cannot be judged for certain"),
+        (0.2, unreadable, 2, "This cannot be judged for certain"),
     ],
 )
 def test_the_status_is_the_colour_and_frames_that_cannot_be_compared_are_unsure(
@@ -53,6 +60,17 @@ def test_the_status_is_the_colour_and_frames_that_cannot_be_compared_are_unsure(
     assert title in capsys.readouterr().out
     assert title in (tmp_path / "gate.md").read_text()
     assert (tmp_path / "junit.xml").is_file()
+
+
+@pytest.mark.parametrize(("gate", "out"), [("file/gate.json", "out"), ("gate.json", "file"), ("gate.json", "file/out")])
+def test_a_failure_is_no_gap(tmp_path, capsys, gate, out):
+    (tmp_path / "file").touch()
+    save_gate(tmp_path / "gate.json", thresholds={"intensity": 0.05})
+    folders = ["--measured", str(tmp_path), "--simulated", str(tmp_path), "--out", str(tmp_path / out)]
+    with pytest.raises(SystemExit) as stop:
+        main(["discover", *folders, "--gate", str(tmp_path / gate), "--fast"])
+    assert stop.value.code == 2
+    assert "file" in "".join(capsys.readouterr())
 
 
 def test_what_was_made_of_an_answer_passes_that_answer(tmp_path, capsys):

@@ -38,6 +38,17 @@ def test_days_that_cannot_be_compared_end_otherwise_than_a_change(tmp_path, caps
         main(["watch", str(monday), "--days", str(tmp_path / "tuesday")])
     assert stop.value.code == 2
     assert "tuesday" in capsys.readouterr().err
+    # Nor is it a change that no day was named, or that the table cannot be written.
+    (tmp_path / "file").touch()
+    tuesday = day(tmp_path / "tuesday", 2)
+    for words, message in (
+        ([], "--days names no folder"),
+        ([str(tuesday), "--out", str(tmp_path / "file/table.md")], "is there already, and is no folder"),
+    ):
+        with pytest.raises(SystemExit) as stop:
+            main(["watch", str(monday), "--days", *words])
+        assert stop.value.code == 2
+        assert message in capsys.readouterr().err
 
 
 def test_folders_of_one_name_are_told_apart(tmp_path, capsys):
@@ -47,8 +58,3 @@ def test_folders_of_one_name_are_told_apart(tmp_path, capsys):
         main(["watch", str(monday), "--days", *map(str, later)])
     said = capsys.readouterr().out
     assert all(f"{name}/measured (" in said for name in ("tuesday", "wednesday"))
-
-
-def test_a_day_alone_cannot_be_watched(tmp_path):
-    with pytest.raises(SystemExit, match="--days names no folder"):
-        main(["watch", str(tmp_path), "--days"])

@@ -8,6 +8,7 @@ import pytest
 
 from jaxsim.effects.catalogue import EFFECTS
 from jaxsim.effects.chain import LEVELS, SensorModel
+from jaxsim.effects.region import Region
 from jaxsim.engines import ENGINES, read_answer, translate
 from tests.engines.made import ALPHA, LOST, SD
 
@@ -59,7 +60,7 @@ def test_isaacs_emitters_have_a_value_each(answer):
 def test_rgls_noise_node(answer):
     found, told = settings(answer, "rgl")
     assert found["distance.mean"].value.value == pytest.approx(0.005)
-    assert told.text.endswith("rgl_node_gaussian_noise_distance(&noise, 0.005f, 0.02f, 0f);\n")
+    assert told.text.endswith("rgl_node_gaussian_noise_distance(&noise, 0.005f, 0.02f, 0.0f);\n")
 
 
 def test_gazebos_sdf_and_helios_xml_are_whole(answer):
@@ -85,6 +86,31 @@ def test_nothing_that_was_found_is_passed_over(name, tmp_path):
     told = translate(read_answer(tmp_path / "sensor.json"), name, engine)
     assert set(told.cannot) == (set(EFFECTS) | {"intensity_step"}) - engine.expresses
     assert all(one.why for one in told.settings)
+
+
+def test_an_effect_of_a_part_is_no_parameter_that_holds_everywhere(tmp_path):
+    lost = ("random_dropout", {"probability": 0.3})
+    part = {"random_dropout": Region(azimuth_rad=(0.0, 0.5))}
+    SensorModel((lost,), regions=part).save(tmp_path / "sensor.json")
+    found, told = settings(tmp_path / "sensor.json", "carla")
+    assert not found
+    assert told.cannot["random_dropout"].startswith("it acts in a part alone")
+
+
+def test_an_open_end_of_the_ranges_is_not_written_and_a_shortest_range_not_lost(tmp_path):
+    gate = ("range_gate", {"minimum_m": 3.0, "maximum_m": 200.0})
+    SensorModel((gate,)).save(tmp_path / "sensor.json")
+    for name, ends in (("gazebo", {"range.min"}), ("helios", {"rangeMin_m"}), ("carla", set())):
+        found, told = settings(tmp_path / "sensor.json", name)
+        assert set(found) == ends
+        assert set(told.cannot) == (set() if ends else {"range_gate.minimum_m"})
+
+
+def test_what_an_engine_has_now_is_refused_where_nothing_is_made_of_it(answer):
+    with pytest.raises(ValueError, match=r"of noise in --now nothing is made for CARLA; it may hold atmosphere_"):
+        settings(answer, "carla", noise=0.01)
+    with pytest.raises(ValueError, match=r"of noise_stddev in --now nothing is made for RGL; leave --now out"):
+        settings(answer, "rgl", noise_stddev=0.01)
 
 
 def test_intervals_of_another_answer_are_not_taken(answer):

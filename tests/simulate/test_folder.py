@@ -3,6 +3,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from jaxsim.config import DataConfig
@@ -17,6 +18,7 @@ from jaxsim.simulate.folder import (
     claim_effects,
     claim_frames,
     data_words,
+    pictures_of,
     simulate_folder,
 )
 from tests.simulate.made_trees import Six
@@ -190,3 +192,32 @@ def test_frames_of_other_levels_are_not_added(tmp_path):
     claim_effects(tmp_path, noisy)
     with pytest.raises(ValueError, match=r"levels\.range_noise was 0\.02, now 0\.03"):
         claim_effects(tmp_path, SensorModel((), {"range_noise": 0.03}))
+
+
+def test_a_frame_that_is_there_is_drawn_where_a_picture_is_asked_for_and_it_has_none(tmp_path):
+    learned = SimpleNamespace(window=(full_grid(preset("vlp16")), None), fingerprint="4f2a")
+    maker = Of(learned=learned, dataset=Six(), out=tmp_path, formats=())
+
+    def simulated(previews, positions):
+        """The places that are simulated, and of which pictures are drawn."""
+        told = []
+
+        def spread(batches):
+            for batch in batches:
+                told.append((batch.positions, sorted(batch.drawn)))
+                names = [f"six-{k}" for k in batch.positions]
+                pictures = [path for k in batch.drawn for path in pictures_of(tmp_path, f"six-{k}")]
+                for path in (*(tmp_path / "polar" / f"{name}.npz" for name in names), *pictures):
+                    path.parent.mkdir(exist_ok=True)
+                    with path.open("wb") as file:
+                        np.savez(file, source="")
+                yield MadeBatch({name: {} for name in names}, 0.1)
+
+        simulate_folder(maker, positions, source=DataConfig(), previews=previews, spread=spread)
+        return told
+
+    assert simulated(0, [3, 4]) == [((3, 4), [])]
+    assert simulated(1, [3, 4]) == [((3,), [3])]
+    assert simulated(1, [3, 4]) == []
+    # The first of all that are asked for, as the page of clouds shows them, not the first that are left to do.
+    assert simulated(2, [2, 3, 4, 5]) == [((2, 5), [2])]
