@@ -12,6 +12,7 @@ The likelihood stands in `model`, every threshold of the decision in `rules`, al
 Files in the order in which the data meets them:
 
     checks, read                 two folders, checked and put side by side
+    division                     find and judge scenes, and the null model that all that is found stands on
     register, mounting           where the sensor stood, and what of it is put in place first
     covariates, find             on what the disagreement depends
     look_alikes, name, law       which effect it is; what no effect describes, as a law with a formula

@@ -5,17 +5,17 @@ their frames ray by ray (whole ones, where the judging itself looks at few colum
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.covariates import CATEGORICAL, COVARIATES
-from jaxsim.discover.model.cast import Blocks, blocks, cast
+from jaxsim.discover.division import Division
+from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import Residuals, residuals
-from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, JudgeFrame
 from jaxsim.effects import Law
@@ -213,10 +213,7 @@ def whole_frames(division: Division) -> Iterator[Chunk]:
     """
     old = division.blocks
     frames, rows, columns = division.scan.range_m.shape
-    # More blocks than frames: those of a single drive, cut into sectors.
-    sectors = len(old.frame) > frames
-    scenes = ("one drive",) * frames if sectors else old.scene
-    whole = blocks(scenes, rows, columns, rays=rows * columns * frames)
+    whole = blocks(division.scenes, rows, columns, rays=rows * columns * frames)
     judge = division.parts.judge
     shown = _shown_frames(whole, judge)
     picked = [k for k in range(len(whole.frame)) if whole.frame[k] in shown and whole.scene[k] in judge]
@@ -234,8 +231,7 @@ def whole_frames(division: Division) -> Iterator[Chunk]:
         column_now = old.column.copy()
         column_now[places] = columns_of[take]
         # Scenes keep their places: nothing of these blocks is summed over scenes.
-        chosen = Blocks(frame, column_now, old.scene)
-        part = replace(division, blocks=chosen, rays=cast(division.scan, frame, column_now))
+        part = division.looking_at(Blocks(frame, column_now, old.scene))
         names = tuple(whole.scene[k] for k in block_of[take])
         yield Chunk(part, np.where(fills, -1, frame[places]), names)
 

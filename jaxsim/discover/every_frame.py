@@ -20,18 +20,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import by_small_steps
+from jaxsim.discover.division import AllScenes, Division, NullModel
 from jaxsim.discover.drawn import GridSums, map_sums
 from jaxsim.discover.gap import ERROR_UNITS, block_distances
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
-from jaxsim.discover.model.fit import Chain, Problem
+from jaxsim.discover.model.fit import Chain
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import on_evidence
 from jaxsim.discover.mounting import Mounting, place_alike
-from jaxsim.discover.read import Comparison, Division, Rest, read_part
+from jaxsim.discover.read import Comparison, Rest, read_part
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import EveryFrame, Interval, OddFrame
-from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
 from jaxsim.metrics.intervals import mean_interval
@@ -59,12 +58,10 @@ class Sums:
 class HeldAnswer(NamedTuple):
     """What frames are judged by: an answer, as `show.gap_with` takes it."""
 
-    division: Division
+    null: NullModel
     """Of the frames that were read, whose find scenes stay in every block."""
-    null: Problem
     chain: Chain
     noise: Noise
-    known: SensorModel
 
 
 @by_small_steps
@@ -81,7 +78,7 @@ def judge_rest(
     if rest is None or mounting.comparison.other_moments:
         return None
     # Two at least, for `blocks` cuts a frame that stands alone into sectors.
-    size = max(size or len(set(_judged_frames(by.division))), 2)
+    size = max(size or len(set(_judged_frames(by.null.division))), 2)
     sums = Sums()
     bar = Progress(total=len(rest.names), unit="frame", desc="judging every frame")
     with bar:
@@ -117,9 +114,9 @@ def block_of(
 ) -> JudgedBlock:
     """The next frames as they are judged; the last one is repeated until there are `size`."""
     padded = [*names, *[names[-1]] * (size - len(names))]
-    part = place_alike(read_part(rest, padded, like=comparison), mounting, by.known)
-    old = by.division
-    is_find = np.array([scene in old.parts.find for scene in old.blocks.scene])
+    part = place_alike(read_part(rest, padded, like=comparison), mounting, by.null.known)
+    old = by.null.division
+    is_find, _ = old.blocks_of(old.parts.find)
     new = _new_blocks(old, part.scenes, number=number)
     # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
     pieces = tuple(f"piece {k}" for k in range(len(new.frame)))
@@ -137,10 +134,11 @@ def add(sums: Sums, block: JudgedBlock, by: HeldAnswer) -> None:
     """Judges a block's frames and adds them to the sums."""
     division = block.division
     scenes = tuple(dict.fromkeys(division.blocks.scene))
-    ev, _ = division.evidence(scenes, by.known)
+    ev, scene = division.evidence(scenes, by.null.known)
     fitted = block.fitted
-    before = on_evidence(division.scan, ev, by.null, effects=[], noise=by.null.noise, fitted=fitted)
-    after = on_evidence(division.scan, ev, by.null, effects=by.chain, noise=by.noise, fitted=fitted)
+    every = AllScenes(by.null, division, ev, scene, fitted)
+    before = every.with_effects()
+    after = every.with_effects(by.chain, by.noise)
     sides = [block_distances(problem, fitted, before.equations) for problem in (before, after)]
     gain = sides[1].log_likelihood - sides[0].log_likelihood
     # Frames that only fill up have no name, and count nowhere.
@@ -167,7 +165,7 @@ def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
     # A scene of which a channel compares no ray has 0 / 0, which `_mean` leaves out.
     with np.errstate(invalid="ignore"):
         means = error[..., 0] / error[..., 1]
-    unseen = np.array([scene not in by.division.parts.find for scene in scenes])
+    unseen = np.array([scene not in by.null.division.parts.find for scene in scenes])
     worst = sorted(sums.of_frame, key=lambda name: sums.of_frame[name])[: RULES.odd_frames]
     scene_of = {name: scene for scene, names in sums.frames_of.items() for name in names}
     return EveryFrame(
@@ -253,6 +251,7 @@ def _joined(old: Division, fresh: Division, chosen: Bool[np.ndarray, " b"]) -> D
         blocks=blocks_of_both,
         rays=replace(rays, rays=replace(rays.rays, frame=frame)),
         names=(*(old.names[k] for k in staying), *fresh.names),
+        scenes=(*(old.scenes[k] for k in staying), *fresh.scenes),
     )
 
 

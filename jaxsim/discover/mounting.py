@@ -19,12 +19,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
+from jaxsim.discover.division import NOTHING_YET
 from jaxsim.discover.model.cast import RayIndex, ray_index
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.discover.read import NOTHING_YET, Comparison
+from jaxsim.discover.read import Comparison
 from jaxsim.discover.register.registration import LIFT, MOTION_PARTS, Registration
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, p_value

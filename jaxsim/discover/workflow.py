@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added, add_effects, changes
+from jaxsim.discover.division import NOTHING_YET, Division
 from jaxsim.discover.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.explain import (
     mutual_noise,
@@ -39,7 +40,7 @@ from jaxsim.discover.name.answer import Answer, name_effects, without_curve
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.select import Choice, Log
 from jaxsim.discover.objects import compare_objects
-from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
+from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.regimes.find import Divided, find_regimes
 from jaxsim.discover.repeats.examine import examine, formula_of, one_sided, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
@@ -100,14 +101,14 @@ def discover(
     log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
-    dependences = find_dependences(division, mounting.known)
-    finer = refine_lift(comparison, mounting, dependences.null, known=known)
+    found = find_dependences(division, mounting.known)
+    finer = refine_lift(comparison, mounting, found.null.problem, known=known)
     # What the null says rests on where the sensor stands: it is asked again from there.
     if finer is not mounting:
         mounting, division = finer, Division.of(finer.comparison)
-        dependences = find_dependences(division, mounting.known)
-    comparison, null = mounting.comparison, dependences.null
-    unrelated_note = unrelated(correlations(null.ev, dependences.scene))
+        found = find_dependences(division, mounting.known)
+    comparison, null = mounting.comparison, found.null.problem
+    unrelated_note = unrelated(correlations(null.ev, found.null.scene))
     if unrelated_note:
         catalogue = [effect for effect in catalogue if of_ranges(effect)]
 
@@ -116,12 +117,12 @@ def discover(
     log(f"fitting {len(catalogue)} effects")
     without = ("intensity",) if unrelated_note else ()
     # Of a simulator without noise the sides are no two readings of one street.
-    exchanged = cache(partial(Exchanged.of, comparison, division, null)) if division.simulator.noisy else None
+    exchanged = cache(partial(Exchanged.of, comparison, found.null)) if division.simulator.noisy else None
     answer = name_effects(
         null,
         catalogue,
-        dependences.single,
-        scene=dependences.scene,
+        found.single,
+        scene=found.null.scene,
         nulls=nulls,
         without=without,
         exchanged=exchanged,
@@ -131,33 +132,25 @@ def discover(
     )
 
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
-    divided = find_regimes(division, comparison.scenes, null, answer=answer, known=mounting.known, log=log)
+    divided = find_regimes(found.null, answer, log)
 
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
-    model = sensor_model_of(
-        division,
-        comparison.scenes,
-        dependences,
-        divided=divided,
-        known=mounting.known,
-        exchanged=exchanged,
-        log=log,
-    )
+    model = sensor_model_of(found, divided, exchanged, log=log)
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
-    shown = show_gap(division, null, model.choice, added=model.added, known=mounting.known)
+    shown = show_gap(found.null, model.choice, model.added)
     maps = shown.maps_before, shown.maps_after
     every = None
     if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
-        answer_held = HeldAnswer(division, null, model.added.chain, model.choice.problem.noise, mounting.known)
+        answer_held = HeldAnswer(found.null, model.added.chain, model.choice.problem.noise)
         every, maps = judge_rest(comparison, mounting, answer_held) or (None, maps)
     levels = compare_levels(comparison)
     rows = len(null.scan.grid.elevation_rad)
     verdict = Verdict(
         frames=len(comparison.names),
-        where=dependences.where,
+        where=found.where,
         gap=shown.gap,
         closure=shown.closure,
         find=parts.find,
@@ -205,30 +198,20 @@ class FittedAnswer:
 
 
 def sensor_model_of(
-    division: Division,
-    scenes: Sequence[str],
-    dependences: Dependences,
-    *,
-    divided: Divided,
-    known: SensorModel,
-    exchanged: Callable[[], Exchanged] | None,
-    log: Log,
+    found: Dependences, divided: Divided, exchanged: Callable[[], Exchanged] | None, *, log: Log
 ) -> FittedAnswer:
     """What was named, fitted together; a law for what no effect describes; and laws of what repeats at the same rows
-    and columns in every scene with these in place, but does not with the sides `exchanged`. `scenes` are those of the
-    frames."""
+    and columns in every scene with these in place, but does not with the sides `exchanged`."""
     log("fitting what was named together")
-    null = dependences.null
+    null, known = found.null.problem, found.null.known
     answer = divided.answer
     choice = answer.choice
     form = None
     if answer.curve:
-        form = curve_form(choice.problem, *answer.curve, crossed=dependences.crossed, bar=choice.bars.free)
+        form = curve_form(choice.problem, *answer.curve, crossed=found.crossed, bar=choice.bars.free)
     added = add_effects(null, choice.steps, known=known, form=form, regions=divided.regions)
     effects = [step.placed for step in choice.steps]
-    if added.learned and not law_gains(
-        division, null, before=choice.problem, effects=effects, added=added, known=known
-    ):
+    if added.learned and not law_gains(found.null, added, before=choice.problem, effects=effects):
         log(f"{added.learned.learned.name}: scenes that it was not fitted to do not gain by it")
         answer = without_curve(answer)
         added = add_effects(null, choice.steps, known=known, regions=divided.regions)
@@ -237,9 +220,9 @@ def sensor_model_of(
         # The law leaves less noise than there was: what is asked next must know it.
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
     log("looking for what repeats")
-    repeats = examine(division, scenes, null, chain=added.chain, noise=choice.problem.noise, known=known)
+    repeats = examine(found.null, added.chain, choice.problem.noise)
     if repeats and exchanged:
-        repeats, mutual = one_sided(repeats, exchanged(), scenes)
+        repeats, mutual = one_sided(repeats, exchanged())
         answer = replace(answer, mutual=(*answer.mutual, *mutual))
     if repeats:
         log(f"{repeats[0].repeat.formula}, in every scene: no effect of the catalogue, added as it is")

@@ -11,19 +11,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.discover.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.fit import Fit, Problem, on_top
 from jaxsim.discover.name.answer import Answer, named_answer, outdone
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
-from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_discovery_rates, scenes_by_size
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
 from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells_of, questions
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Regime
 from jaxsim.effects import Law
-from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region, within
 from jaxsim.metrics.intervals import ratio_interval
 
@@ -136,26 +135,17 @@ class Lead:
     q_value: float = 1.0
 
 
-def facts_of(division: Division, scenes: Sequence[str]) -> Facts:
-    """The facts of the find scenes' blocks; `scenes` are those of all frames."""
-    keep = np.array([scene in division.parts.find for scene in division.blocks.scene])
-    order = {name: k for k, name in enumerate(division.parts.find)}
-    scene = np.array([order[name] for name in division.blocks.scene if name in order])
-    return Facts(division.scan, tuple(scenes), division.blocks.frame[keep], scene, division.blocks.column[keep])
+def facts_of(division: Division) -> Facts:
+    """The facts of the find scenes' blocks."""
+    keep, scene = division.blocks_of(division.parts.find)
+    return Facts(division.scan, division.scenes, division.blocks.frame[keep], scene, division.blocks.column[keep])
 
 
-def find_regimes(
-    division: Division,
-    scenes: Sequence[str],
-    null: Problem,
-    *,
-    answer: Answer,
-    known: SensorModel,
-    log: Log = lambda line: None,
-) -> Divided:
+def find_regimes(model: NullModel, answer: Answer, log: Log = lambda line: None) -> Divided:
     """Asks of every named effect, or where none is named of the candidates, what divides it; those that act in a part
-    alone are fitted there, and take the place of the same effects everywhere. `scenes` are those of the frames."""
-    facts = facts_of(division, scenes)
+    alone are fitted there, and take the place of the same effects everywhere."""
+    null = model.problem
+    facts = facts_of(model.division)
     asked = questions(facts)
     choice = answer.choice
     regimes: list[Regime] = []
@@ -169,7 +159,7 @@ def find_regimes(
             if placed is None:
                 continue
             # They are dear to make, and mostly nobody asks them.
-            judge_scenes = judge_scenes or JudgeScenes.of(division, null, known)
+            judge_scenes = judge_scenes or JudgeScenes.of(AllScenes.of(model))
             trial = _with(null, choice, placed.confined.step, at=lead.step)
             if lead.step is None and _outdone(answer, trial, null):
                 continue

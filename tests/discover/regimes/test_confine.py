@@ -128,7 +128,7 @@ def test_what_judge_scenes_are_held_to_does_not_rest_on_what_they_report(standar
     null, _ = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), fitted)
     law = EFFECTS["range_walk"]
     result = replace(fit(law, null, fitted, steps=1), z=to_z(law, walk, 16), noise=null.noise)
-    judge = JudgeScenes(null, frame, fitted, frame)
+    judge = JudgeScenes(SimpleNamespace(fitted=fitted), null)
     np.testing.assert_array_equal(judge.likelier_with(law, result)[6:], apart[6:])
 
 
@@ -138,7 +138,8 @@ def test_judge_scenes_join_by_half_of_their_columns_and_the_other_half_says_what
     joined, before = SimpleNamespace(), SimpleNamespace()
     nats = {id(joined): np.array([9.0, -2.0, -1.0]), id(before): np.array([0.0, 0.5, 0.5])}
     choosing = SimpleNamespace(_joined=lambda *_: (wider, joined))
-    asked = SimpleNamespace(fitted=np.array([1.0, 0.0, 0.0]), _with=lambda choice: nats[id(choice)])
+    scenes = SimpleNamespace(fitted=np.array([1.0, 0.0, 0.0]))
+    asked = SimpleNamespace(scenes=scenes, _with=lambda choice: nats[id(choice)])
     monkeypatch.setattr(JudgeScenes, "halves", lambda self: (choosing, asked))
     judge = object.__new__(JudgeScenes)
     gained = inspect.unwrap(JudgeScenes.gained)
