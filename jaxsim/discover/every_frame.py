@@ -11,7 +11,7 @@ are drawn of each alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
@@ -33,7 +33,6 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import EveryFrame, Interval, OddFrame
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
-from jaxsim.metrics.intervals import mean_interval
 from jaxsim.progress import Progress
 
 _Maps = dict[str, Float[np.ndarray, "r c"]]
@@ -78,7 +77,9 @@ def judge_rest(
     if rest is None or mounting.comparison.other_moments:
         return None
     # Two at least, for `blocks` cuts a frame that stands alone into sectors.
-    size = max(size or len(set(_judged_frames(by.null.division))), 2)
+    division = by.null.division
+    judged, _ = division.blocks_of(division.parts.judge)
+    size = max(size or len(np.unique(division.blocks.frame[judged])), 2)
     sums = Sums()
     bar = Progress(total=len(rest.names), unit="frame", desc="judging every frame")
     with bar:
@@ -162,20 +163,25 @@ def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
     count = np.array([len(sums.frames_of[scene]) for scene in scenes])
     gain = np.array([sums.gain[scene] for scene in scenes]) / count[:, None]
     error = np.array([sums.error[scene] for scene in scenes])
-    # A scene of which a channel compares no ray has 0 / 0, which `_mean` leaves out.
+    # A scene of which a channel compares no ray has 0 / 0, which no mean counts.
     with np.errstate(invalid="ignore"):
         means = error[..., 0] / error[..., 1]
     unseen = np.array([scene not in by.null.division.parts.find for scene in scenes])
     worst = sorted(sums.of_frame, key=lambda name: sums.of_frame[name])[: RULES.odd_frames]
     scene_of = {name: scene for scene, names in sums.frames_of.items() for name in names}
+
+    def by_channel(of: Float[np.ndarray, "s 3"], units: Mapping[str, str] | None = None) -> dict[str, Interval]:
+        units = units or dict.fromkeys(CHANNELS, "nats a frame")
+        return {name: Interval.of_scenes(of[:, k], units[name]) for k, name in enumerate(CHANNELS)}
+
     return EveryFrame(
         frames=len(sums.of_frame),
         scenes=len(scenes),
         unseen=int(unseen.sum()),
-        gained={name: _mean(gain[:, k]) for k, name in enumerate(CHANNELS)},
-        gained_unseen={name: _mean(gain[unseen, k]) for k, name in enumerate(CHANNELS)},
-        before={name: _mean(means[:, 0, k], ERROR_UNITS[name]) for k, name in enumerate(CHANNELS)},
-        after={name: _mean(means[:, 1, k], ERROR_UNITS[name]) for k, name in enumerate(CHANNELS)},
+        gained=by_channel(gain),
+        gained_unseen=by_channel(gain[unseen]),
+        before=by_channel(means[:, 0], ERROR_UNITS),
+        after=by_channel(means[:, 1], ERROR_UNITS),
         worst=tuple(OddFrame(name, scene_of[name], sums.of_frame[name]) for name in worst),
     )
 
@@ -190,18 +196,6 @@ def rest_in_words(told: EveryFrame) -> str:
         f"on the other {told.frames} frames, of {told.scenes} scenes, {told.unseen} of which nothing was fitted to, "
         f"the answer gains: {gains}; least on {worst.name} of {worst.scene} ({worst.nats:.3g} nats)"
     )
-
-
-def _mean(values: Float[np.ndarray, " s"], unit: str = "nats a frame") -> Interval:
-    finite = values[np.isfinite(values)]
-    value = float(finite.mean()) if len(finite) else float("nan")
-    return Interval(value, *(mean_interval(finite) if len(finite) > 1 else (float("nan"), float("nan"))), unit)
-
-
-def _judged_frames(division: Division) -> Iterator[int]:
-    for frame, scene in zip(division.blocks.frame.tolist(), division.blocks.scene, strict=True):
-        if scene in division.parts.judge:
-            yield frame
 
 
 def _new_blocks(old: Division, scenes: Sequence[str], *, number: int) -> Blocks:

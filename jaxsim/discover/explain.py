@@ -20,7 +20,6 @@ from jaxsim.discover.scenes import Split, clipped
 from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
-from jaxsim.metrics.intervals import mean_interval
 
 
 def named(
@@ -38,15 +37,14 @@ def named(
     # Look-alikes of one's own effect are those of these frames, which the candidates carry.
     every = {**EFFECTS, **{one.effect.plain_name: one.effect for one in (step.chosen, *step.alike)}}
     told = effect.look_alikes
-    # No scene decides alone.
-    gain = clipped(step.chosen.by_scene)
     return Named(
         name=effect.plain_name,
         look_alikes=tuple(alike),
         tell_apart={one: told.get(one) or every[one].look_alikes.get(effect.plain_name) or remedy for one in alike},
         channels=effect.channels,
         p_value=step.chosen.chance,
-        gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
+        # No scene decides alone.
+        gain=Interval.of_scenes(clipped(step.chosen.by_scene), "nats per scene"),
         parameters=parameters,
         does=does or {},
     )

@@ -35,7 +35,6 @@ from jaxsim.effects import EFFECTS
 from jaxsim.files import check_keys, read_json, real, write_text
 from jaxsim.frame import PolarImage
 from jaxsim.geometry.points import FAR_M
-from jaxsim.metrics.intervals import mean_interval
 
 Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
@@ -283,7 +282,13 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
             f"discover: {len(table)} scenes; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
             "does (frames of one drive share a scene in grid.json)"
         )
-    return {channel: distance_of(table[:, k], unit) for k, (channel, unit) in enumerate(DISTANCE_UNITS.items())}
+    return distances_of(table)
+
+
+def distances_of(table: Float[np.ndarray, "s channels"]) -> dict[str, Interval]:
+    """The distances of scenes, by channel; one that a single scene shows is none."""
+    units = enumerate(DISTANCE_UNITS.items())
+    return {channel: Interval.of_scenes(table[:, k], unit, fewest=2) for k, (channel, unit) in units}
 
 
 def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.ndarray, " channels"]:
@@ -299,10 +304,3 @@ def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.nda
     # The median: rays that met another surface are off by metres.
     range_m = np.median(np.abs(np.asarray(simulated.range_m)[both] - np.asarray(measured.range_m)[both]))
     return np.array([intensity, range_m, drop], np.float64)
-
-
-def distance_of(scenes: Float[np.ndarray, " s"], unit: str) -> Interval:
-    """The mean over the scenes that have a value."""
-    finite = scenes[np.isfinite(scenes)]
-    low, high = mean_interval(finite)
-    return Interval(float(finite.mean()) if len(finite) > 1 else float("nan"), low, high, unit)

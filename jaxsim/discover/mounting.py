@@ -236,7 +236,7 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
             tell_apart={},
             channels=EFFECTS[name].channels,
             p_value=p_value(gain),
-            gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
+            gain=Interval.of_scenes(gain, "nats per scene"),
             parameters={**values, **vectors},
         )
         # What every other name is asked: the signs of find scenes, the bar, and judge scenes.
