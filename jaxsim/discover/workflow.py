@@ -7,38 +7,30 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added, add_effects, changes
 from jaxsim.discover.division import NOTHING_YET, Division
 from jaxsim.discover.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.explain import (
-    mutual_noise,
     named,
     notes,
     nuisance_changes,
     own_candidates,
     ranking,
-    simulator_noise,
-    unconfirmed_curves,
-    unfounded_noise,
     why_not,
-    without_classes,
 )
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.law.learn import curve_form, leaves_nothing
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, made_by, missing, range_noise_grows
 from jaxsim.discover.look_alikes import with_look_alikes
-from jaxsim.discover.model.fit import Problem, in_place
+from jaxsim.discover.model.fit import in_place
 from jaxsim.discover.model.null import refitted
 from jaxsim.discover.mounting import named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.name.answer import Answer, name_effects, without_curve
 from jaxsim.discover.name.exchange import Exchanged
-from jaxsim.discover.name.select import Choice, Log
+from jaxsim.discover.name.select import Log
 from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.regimes.find import Divided, find_regimes
@@ -135,54 +127,61 @@ def discover(
     divided = find_regimes(found.null, answer, log)
 
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
-    model = sensor_model_of(found, divided, exchanged, log=log)
+    fitted = fit_answer(found, divided, exchanged, log=log)
+    answer, added, choice = fitted.answer, fitted.added, fitted.answer.choice
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
-    shown = show_gap(found.null, model.choice, model.added)
+    shown = show_gap(found.null, choice, added)
     maps = shown.maps_before, shown.maps_after
     every = None
     if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
-        answer_held = HeldAnswer(found.null, model.added.chain, model.choice.problem.noise)
-        every, maps = judge_rest(comparison, mounting, answer_held) or (None, maps)
+        held = HeldAnswer(found.null, added.chain, choice.problem.noise)
+        every, maps = judge_rest(comparison, mounting, held) or (None, maps)
     levels = compare_levels(comparison)
-    rows = len(null.scan.grid.elevation_rad)
     verdict = Verdict(
+        verdict=answer.verdict,
+        effects=tuple(
+            named(step, values, does=changes(null, one))
+            for step, values, one in zip(choice.steps, added.parameters, added.refits, strict=True)
+        ),
         frames=len(comparison.names),
         where=found.where,
+        unexplained=answer.unexplained,
         gap=shown.gap,
         closure=shown.closure,
         find=parts.find,
         judge=parts.judge,
         sha256=parts.sha256,
+        moved=nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
+        ranking=ranking(choice, why_not, bar=choice.bars.effect),
+        nulls=answer.nulls,
         levels=levels,
         objects=compare_objects(comparison),
+        own=own_candidates(choice),
+        learned=added.sensor.learned[len(mounting.known.learned) :],
+        law=closed_law(added.learned) if added.learned else formula_of(fitted.repeats),
+        repeats=tuple(one.repeat for one in fitted.repeats),
         every_frame=every,
         regimes=divided.regimes,
         registered=registered_of(comparison),
         unrelated=unrelated_note is not None,
         sensitivity=sensitivities(null, catalogue),
         notes=(
-            *notes(comparison, parts, model.choice, held=modelled),
-            *simulator_noise(division.simulator.noise),
-            *mutual_noise(model.answer.mutual),
-            *unfounded_noise(model.answer.unfounded),
-            *without_classes(np.asarray(comparison.scan.semantic), model.choice),
-            *unconfirmed_curves(model.answer.unconfirmed),
+            *notes(comparison, division, answer, held=modelled),
             *([rest_in_words(every)] if every else []),
             *([unrelated_note] if unrelated_note else []),
         ),
         seconds=time.monotonic() - begun,
-        **verdict_fields(null, model, known=mounting.known),
     )
-    verdict = with_mounting(without_unconfirmed(verdict), *named_mounting(mounting, parts, rows=rows))
-    sensor = sensor_of(verdict, model.added.sensor, known)
+    of_mounting = named_mounting(mounting, parts, rows=len(null.scan.grid.elevation_rad))
+    verdict = with_mounting(without_unconfirmed(verdict), *of_mounting)
+    sensor = sensor_of(verdict, added.sensor, known)
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
-    standing = [(one.effect, one.fit.z) for one in model.added.refits if one.effect.plain_name in dict(sensor.effects)]
+    standing = [(one.effect, one.fit.z) for one in added.refits if one.effect.plain_name in dict(sensor.effects)]
     sensor = replace(sensor, levels=missing(levels, made_by(null.ev, in_place(null, standing).ev)))
-    ranked = model.choice.first_ranking
-    return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, ranked, shown.frames)
+    return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, choice.first_ranking, shown.frames)
 
 
 @dataclass(frozen=True)
@@ -190,22 +189,19 @@ class FittedAnswer:
     """What was named, with all of it fitted together."""
 
     answer: Answer
-    """The answer, with what repeats."""
-    choice: Choice
-    """The answer's steps, and the problem with all that was added in place."""
+    """The answer, with what repeats; its choice has the problem with all that was added in place."""
     added: Added
     repeats: tuple[LearnedRepeat, ...]
 
 
-def sensor_model_of(
+def fit_answer(
     found: Dependences, divided: Divided, exchanged: Callable[[], Exchanged] | None, *, log: Log
 ) -> FittedAnswer:
     """What was named, fitted together; a law for what no effect describes; and laws of what repeats at the same rows
     and columns in every scene with these in place, but does not with the sides `exchanged`."""
     log("fitting what was named together")
     null, known = found.null.problem, found.null.known
-    answer = divided.answer
-    choice = answer.choice
+    answer, choice = divided.answer, divided.answer.choice
     form = None
     if answer.curve:
         form = curve_form(choice.problem, *answer.curve, crossed=found.crossed, bar=choice.bars.free)
@@ -229,27 +225,7 @@ def sensor_model_of(
         added = with_repeats(added, [one.learned for one in repeats])
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
         answer = with_what_repeats(answer, repeats[0])
-    return FittedAnswer(answer, choice, added, repeats)
-
-
-def verdict_fields(null: Problem, model: FittedAnswer, *, known: SensorModel) -> dict[str, Any]:
-    """What a verdict says of the sensor model, by its fields' names."""
-    choice, added = model.choice, model.added
-    return {
-        "verdict": model.answer.verdict,
-        "effects": tuple(
-            named(step, values, does=changes(null, one))
-            for step, values, one in zip(choice.steps, added.parameters, added.refits, strict=True)
-        ),
-        "unexplained": model.answer.unexplained,
-        "moved": nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
-        "ranking": ranking(choice, why_not, bar=choice.bars.effect),
-        "nulls": model.answer.nulls,
-        "own": own_candidates(choice),
-        "learned": added.sensor.learned[len(known.learned) :],
-        "law": closed_law(added.learned) if added.learned else formula_of(model.repeats),
-        "repeats": tuple(one.repeat for one in model.repeats),
-    }
+    return FittedAnswer(replace(answer, choice=choice), added, repeats)
 
 
 @by_small_steps
