@@ -169,8 +169,8 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
     if by_range and len(np.unique(np.asarray(comparison.scan.semantic))) == 1:
         lines.append(
             f"{', '.join(one.plain_name for one in by_range)}: the simulated frames tell no classes. Where one "
-            "material stands near by and another far off in every scene, and the simulator has one of them too bright, that "
-            "looks the same; frames with `semantic` tell the two apart"
+            "material stands near by and another far off in every scene, and the simulator has one of them too bright, "
+            "that looks the same; frames with `semantic` tell the two apart"
         )
     lines += [
         f"not confirmed on unseen scenes: {curve} explained the scenes that the search saw, but the judge scenes do "

@@ -48,12 +48,7 @@ def frames_in(region: Region, facts: Facts) -> Bool[np.ndarray, " f"]:
 
 
 def confine(
-    problem: Problem,
-    candidates: Sequence[Candidate],
-    region: Region,
-    *,
-    facts: Facts,
-    ranking: Sequence[Candidate],
+    problem: Problem, candidates: Sequence[Candidate], region: Region, *, facts: Facts, ranking: Sequence[Candidate]
 ) -> Confined | None:
     """The best of `candidates`, the one whose region it is first, fitted in the region on top of `problem`; None where
     the region gains too little over the effect everywhere. `ranking` is that of the step."""
@@ -86,7 +81,7 @@ def sharpened(region: Region, effect: Law, result: Fit, *, problem: Problem, fac
 
     Sectors are asked about in steps, and columns of a region that lie outside the effect's make it look smaller."""
     columns = facts.scan.range_m.shape[2]
-    whole = cells_of(effect, problem, z=result.z, noise=result.noise, sector=facts.column, sectors=columns)
+    whole = cells_of(effect, problem, result, sector=facts.column, sectors=columns)
     slope = whole.slope.sum(0)
     curvature = whole.curvature.sum(0)
     inside = np.asarray(region.in_sector(np.asarray(facts.scan.grid.azimuth_rad)))

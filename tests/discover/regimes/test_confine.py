@@ -34,7 +34,7 @@ def night(standard_promotion):
 def asked(null, facts):
     """The best region of every question, of beam gains fitted to all frames; by what divides."""
     one = fit(GAIN, null, EVERYONE)
-    of = cells_of(GAIN, null, z=one.z, noise=one.noise, sector=facts.sector, sectors=facts.sectors)
+    of = cells_of(GAIN, null, one, sector=facts.sector, sectors=facts.sectors)
     found = [ask(q, of, facts.scene) for q in questions(facts)]
     # Moments are asked about twice, from one on and between two: the clearer answer comes last and stays.
     found.sort(key=lambda one: -one.p_value)
@@ -104,7 +104,7 @@ def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
     null, facts = halves(some)
     one = fit(GAIN, null, EVERYONE)
     halved = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
-    of = cells_of(GAIN, null, z=one.z, noise=one.noise, sector=halved, sectors=2 * facts.sectors)
+    of = cells_of(GAIN, null, one, sector=halved, sectors=2 * facts.sectors)
     found = scenes_by_size(of, facts)
     assert found is not None
     assert found.p_value < 0.02

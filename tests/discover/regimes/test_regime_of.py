@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.regimes import find
+from jaxsim.discover.regimes.chance import FoundRegion
 from jaxsim.discover.regimes.confine import Confined
-from jaxsim.discover.regimes.find import OF_FIT, RegimeNumbers, regime_of
-from jaxsim.discover.regimes.questions import Cells, Facts
+from jaxsim.discover.regimes.find import OF_FIT, Lead, Placed, regime_of
+from jaxsim.discover.regimes.questions import Cells, Facts, Question
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects.region import Region
 from tests.discover.name.made import candidate, problem, step
@@ -29,6 +30,9 @@ def test_scenes_are_counted_only_where_frames_say_no_moment_of_their_own(monkeyp
     chosen = candidate("beam_gain", 4.0)
     late = Confined(step(chosen), chosen.effect, Region(time_s=(2.5, None)), frame > 2, problem(), 20.0)
     size = Interval(1.0, 0.9, 1.1, OF_FIT)
-    told = regime_of(late, "time", RegimeNumbers(size, size, 0.001, 0.01, 20.0), facts=facts)
+    question = Question("time", (late.region,), np.ones((1, FRAMES, 1), bool))
+    lead = Lead(FoundRegion(question, 0, 0.001), (chosen,), 0, q_value=0.01)
+    told = regime_of(Placed(late, size, size), lead, 20.0, facts=facts)
+    assert (told.p_value, told.q_value, told.judge_nats) == (0.001, 0.01, 20.0)
     assert told.x == tuple(range(FRAMES))
     assert told.counted == counted
