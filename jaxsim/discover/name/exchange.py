@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsim.discover.covariates import CURVES, Dependence, fixed_basis, values_of, with_columns
+from jaxsim.discover.covariates import CURVES, Dependence, fixed_basis, values_along, with_columns
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Fit, Problem, channels_of, fit, fit_noise
@@ -77,14 +77,12 @@ class Exchanged:
         if along.channel not in self.channels:
             return False
         name = along.covariate
-        known = values_of(name, fitted_to.ev.rays, np.asarray(fitted_to.ev.rays.hit)).astype(np.float64)
+        known = values_along(fitted_to, name)
         fits = [np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits]
         height = fixed_basis(known, name) @ np.mean(fits, axis=0)
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
         order = np.argsort(known, kind="stable")
-        rays = self.null.problem.ev.rays
-        here = values_of(name, rays, np.asarray(rays.hit)).astype(np.float64)
-        column = np.interp(here, known[order], height[order])
+        column = np.interp(values_along(self.null.problem, name), known[order], height[order])
         problem = with_columns(self.null.problem, column[:, None].astype(np.float32))
         effect = CURVES[along.change]
         one = np.zeros_like(fits[0])

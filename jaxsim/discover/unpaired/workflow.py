@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.devices import by_small_steps
-from jaxsim.discover.drawn import Bins, mean_on_grid
+from jaxsim.discover.drawn import Bins, GridSums
 from jaxsim.discover.explain import named, ranking
 from jaxsim.discover.gap import gap_of, share_of
 from jaxsim.discover.name.select import Log, Step, runner_up
@@ -136,10 +136,8 @@ def unpaired_gap(problem: Conditional, steps: Sequence[Step[UnpairedCandidate]],
     old = _residual(problem, plain, 0.0)
     new = _residual(problem, added, refined.change)
     keep = np.isin(comparison.scene, judged)
-    shape = (comparison.rows, len(np.asarray(comparison.grid.azimuth_rad)))
-    row = problem.rays.row[keep]
-    column = problem.rays.column[keep]
-    maps = [{"intensity": mean_on_grid(off[keep], row, column, shape=shape)} for off in (old, new)]
+    cells = problem.rays.row[keep], problem.rays.column[keep]
+    maps = [{"intensity": GridSums.of(off[keep], cells, comparison.grid).mean()} for off in (old, new)]
     return Judged({"intensity": gap}, closure, maps[0], maps[1], _curves(problem, steps, old, after=new, keep=keep))
 
 
