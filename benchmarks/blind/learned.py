@@ -36,7 +36,6 @@ from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import add_effects
 from jaxsim.discover.division import NOTHING_YET, AllScenes, Division, NullModel
 from jaxsim.discover.find import find_dependences
-from jaxsim.discover.gap import distance
 from jaxsim.discover.law.learn import curve_form
 from jaxsim.discover.model.fit import Chain, in_place
 from jaxsim.discover.model.null import refitted
@@ -44,6 +43,7 @@ from jaxsim.discover.name.answer import decide
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read import read_comparison
 from jaxsim.discover.repeats.examine import examine, with_repeats
+from jaxsim.discover.show.gap import distance
 from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.learned import CHANGE

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.data.polar_frames import open_polar_frames, scene_of
-from jaxsim.discover.checks import check_one_grid
+from jaxsim.discover.read.checks import check_one_grid
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import scene_means
 from jaxsim.discover.verdict import Interval, Named, Verdict

@@ -26,7 +26,7 @@ from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.register.registration import LIFT, MOTION_PARTS, Registration
+from jaxsim.discover.read.registration import LIFT, MOTION_PARTS, Registration
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, p_value
 from jaxsim.discover.verdict import Interval, Named, Registered

@@ -11,7 +11,6 @@ from pathlib import Path
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added, add_effects, changes
 from jaxsim.discover.division import NOTHING_YET, Division
-from jaxsim.discover.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.explain import (
     named,
     notes,
@@ -38,6 +37,7 @@ from jaxsim.discover.repeats.examine import examine, formula_of, one_sided, with
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, unrelated
 from jaxsim.discover.show import law_gains, sensor_of, show_gap, with_mounting, without_unconfirmed
+from jaxsim.discover.show.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel

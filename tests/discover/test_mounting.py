@@ -24,7 +24,7 @@ from jaxsim.discover.mounting import (
     seen_from,
 )
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.register.registration import LIFT, MOTION_PARTS
+from jaxsim.discover.read.registration import LIFT, MOTION_PARTS
 from jaxsim.discover.scenes import p_value, split_scenes
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS, all_rays

@@ -21,12 +21,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.devices import by_small_steps
-from jaxsim.discover.drawn import Bins, GridSums
 from jaxsim.discover.explain import named, ranking
-from jaxsim.discover.gap import gap_of, share_of
 from jaxsim.discover.name.select import Log, Step, runner_up
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, split_scenes
+from jaxsim.discover.show.gap import gap_of, share_of
+from jaxsim.discover.show.pictures import Bins, GridSums
 from jaxsim.discover.unpaired.columns import INCIDENCE_SET, untold
 from jaxsim.discover.unpaired.conditional import Conditional, compare
 from jaxsim.discover.unpaired.law import Block, Equations, Solution, exchanged, solve

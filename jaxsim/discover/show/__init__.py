@@ -1,5 +1,9 @@
 """Show: what judge scenes say of the effects that were added, for nothing was fitted to them; an answer is one only if
 they gain by it.
+
+    gap              how far simulation and measurement are apart, before and after
+    pictures         what a report draws of judge scenes
+    every_frame      the same of all frames that were not read, block by block
 """
 
 from __future__ import annotations
@@ -14,8 +18,6 @@ from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.division import AllScenes, Division, NullModel
-from jaxsim.discover.drawn import joined, rays_of, residual_curves, residual_maps, whole_frames
-from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps
 from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Problem, fit, in_place
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
@@ -25,6 +27,8 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, runner_up
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.show.gap import Distance, additive_floor, closure, distance, gaps
+from jaxsim.discover.show.pictures import joined, rays_of, residual_curves, residual_maps, whole_frames
 from jaxsim.discover.verdict import CurveLine, Gap, Interval, Judged, JudgeFrame, Named, Verdict
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel

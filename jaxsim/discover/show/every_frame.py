@@ -21,8 +21,6 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.division import AllScenes, Division, NullModel
-from jaxsim.discover.drawn import GridSums, map_sums
-from jaxsim.discover.gap import ERROR_UNITS, block_distances
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Chain
@@ -30,6 +28,8 @@ from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.mounting import Mounting, place_alike
 from jaxsim.discover.read import Comparison, Rest, read_part
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.show.gap import ERROR_UNITS, block_distances
+from jaxsim.discover.show.pictures import GridSums, map_sums
 from jaxsim.discover.verdict import EveryFrame, Interval, OddFrame
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan

@@ -1,4 +1,9 @@
-"""Two folders of polar frames as one comparison."""
+"""Two folders of polar frames as one comparison.
+
+    checks           units, one grid, the same streets under the same names
+    motion           where the sensor stood, by ranges alone
+    registration     what that is of, and what it says
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames, scene_of
-from jaxsim.discover.checks import (
+from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.model.noise_levels import Levels
+from jaxsim.discover.read.checks import (
     all_or_none,
     check_no_copies,
     check_no_doubles,
@@ -23,10 +30,8 @@ from jaxsim.discover.checks import (
     sceneless,
     unpartnered,
 )
-from jaxsim.discover.model.evidence import Measured
-from jaxsim.discover.model.noise_levels import Levels
-from jaxsim.discover.register import register
-from jaxsim.discover.register.registration import Registration, other_moments, speeds_read
+from jaxsim.discover.read.motion import register
+from jaxsim.discover.read.registration import Registration, other_moments, speeds_read
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
