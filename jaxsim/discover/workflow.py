@@ -124,7 +124,7 @@ def discover(
     )
 
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
-    divided = find_regimes(found.null, answer, log)
+    divided = find_regimes(found.null, answer, without=without, log=log)
 
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
     fitted = fit_answer(found, divided, exchanged, log=log)

@@ -1,5 +1,6 @@
 """What is said of the candidates that are not named, and what a reader must know."""
 
+import inspect
 from types import SimpleNamespace
 
 import numpy as np
@@ -49,7 +50,7 @@ def told(*steps, semantic=None, **more):
     scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
     comparison = SimpleNamespace(notes=(), scenes=("a", "b"), scan=scan)
     division = SimpleNamespace(parts=SimpleNamespace(judge=("a",) * 5), simulator=SimpleNamespace(noise=Levels()))
-    return notes(comparison, division, Answer("named", Choice(steps, (), problem()), None, **more))
+    return inspect.unwrap(notes)(comparison, division, Answer("named", Choice(steps, (), problem()), None, **more))
 
 
 def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():

@@ -146,9 +146,12 @@ def facts_of(division: Division) -> Facts:
     return Facts(division.scan, division.scenes, division.blocks.frame[keep], scene, division.blocks.column[keep])
 
 
-def find_regimes(model: NullModel, answer: Answer, log: Log = lambda line: None) -> Divided:
+def find_regimes(
+    model: NullModel, answer: Answer, *, without: Sequence[str] = (), log: Log = lambda line: None
+) -> Divided:
     """Asks of every named effect, or where none is named of the candidates, what divides it; those that act in a part
-    alone are fitted there, and take the place of the same effects everywhere."""
+    alone are fitted there, and take the place of the same effects everywhere. Beside them no free curve is asked of the
+    channels `without`."""
     null = model.problem
     facts = facts_of(model.division)
     asked = questions(facts)
@@ -179,9 +182,10 @@ def find_regimes(model: NullModel, answer: Answer, log: Log = lambda line: None)
             regimes.append(regime_of(placed._replace(confined=confined), lead, gained, facts=facts))
     if not regimes:
         return Divided(answer)
-    named = named_answer(choice, scene=facts.scene, but=answer.both_show)
-    unchanged = {"nulls": answer.nulls, "both_show": answer.both_show, "mutual": answer.mutual}
-    return Divided(replace(named, **unchanged), tuple(regimes))
+    named = named_answer(choice, scene=facts.scene, without=without, but=answer.both_show)
+    told = {name: getattr(named, name) for name in ("verdict", "choice", "unexplained", "curve")}
+    # What else the answer knows (nulls, what was found and is not said) holds of the parts as well.
+    return Divided(replace(answer, **told), tuple(regimes))
 
 
 def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
