@@ -172,24 +172,20 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     checks = [_named(gate, verdict, before)]
     if verdict.unrelated and not (gate.baseline or {}).get("unrelated"):
         checks.append(Check("effects on intensity", "unsure", NOT_ASKED))
-    for channel, most in gate.thresholds.items():
+
+    def at_most(channel: str, most: float, *, name: str, told: str) -> Check:
         gap = verdict.gap.get(channel)
         if gap is None or not np.isfinite(gap.before):
-            checks.append(Check(channel, "unsure", NOT_COMPARED))
-            continue
-        words = f"{gap.before:.4g} {gap.unit}, at most {most:g} may be"
-        checks.append(Check(channel, "pass" if gap.before <= most else "gap", words))
+            return Check(name, "unsure", NOT_COMPARED)
+        return Check(name, "pass" if gap.before <= most else "gap", f"{gap.before:.4g} {gap.unit}, {told}")
+
+    for channel, most in gate.thresholds.items():
+        checks.append(at_most(channel, most, name=channel, told=f"at most {most:g} may be"))
     for channel, old in ((gate.baseline or {}).get("gap") or {}).items():
         # What was not compared before is null, and the closure has no distance.
-        if not isinstance(old, dict) or not isinstance(old.get("before"), int | float):
-            continue
-        gap = verdict.gap.get(channel)
-        if gap is None or not np.isfinite(gap.before):
-            checks.append(Check(f"{channel} against baseline", "unsure", NOT_COMPARED))
-            continue
-        most = old["before"] * (1 + RULES.gate_worse_share)
-        words = f"{gap.before:.4g} {gap.unit}, {old['before']:.4g} before"
-        checks.append(Check(f"{channel} against baseline", "pass" if gap.before <= most else "gap", words))
+        if isinstance(old, dict) and isinstance(old.get("before"), int | float):
+            most, told = old["before"] * (1 + RULES.gate_worse_share), f"{old['before']:.4g} before"
+            checks.append(at_most(channel, most, name=f"{channel} against baseline", told=told))
     return tuple(checks)
 
 

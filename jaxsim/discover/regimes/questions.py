@@ -46,9 +46,7 @@ class Cells:
         return Cells(self.slope[:, ::2] + self.slope[:, 1::2], self.curvature[:, ::2] + self.curvature[:, 1::2])
 
 
-def cells_of(
-    effect: Law, problem: Problem, fitted: Fit, *, sector: Int[np.ndarray, "b c"], sectors: int
-) -> Cells:
+def cells_of(effect: Law, problem: Problem, fitted: Fit, *, sector: Int[np.ndarray, "b c"], sectors: int) -> Cells:
     """The cells of an effect that was fitted on top of `problem`; `sector`, of so many, is that of blocks' columns."""
     objective = Objective(effect, problem, problem.ev.all_blocks)
     neutral, _ = objective.restore(objective.first)

@@ -93,9 +93,7 @@ def law_gains(null: NullModel, added: Added, *, before: Problem, effects: Chain)
     return bool(gained[CHANNELS.index(added.learned.learned.channel)] > RULES.confirmed_nats)
 
 
-def _frames(
-    null: NullModel, chain: Chain, noise: Noise, *, curves: tuple[CurveLine, ...]
-) -> tuple[JudgeFrame, ...]:
+def _frames(null: NullModel, chain: Chain, noise: Noise, *, curves: tuple[CurveLine, ...]) -> tuple[JudgeFrame, ...]:
     """A few judge frames with nearly all their rays, before the effects and with them."""
     parts: dict[str, list[JudgeFrame]] = {}
     for chunk in whole_frames(null.division):
