@@ -1,8 +1,8 @@
 """Two folders of polar frames as one comparison.
 
-    checks           units, one grid, the same streets under the same names
-    motion           where the sensor stood, by ranges alone
-    registration     what that is of, and what it says
+checks           units, one grid, the same streets under the same names
+motion           where the sensor stood, by ranges alone
+registration     what that is of, and what it says
 """
 
 from __future__ import annotations
