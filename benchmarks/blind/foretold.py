@@ -29,8 +29,7 @@ from benchmarks.blind.rows import read_rows
 from benchmarks.blind.tables import of_kind, rate
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.discover import read_comparison
-from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.read import Division
+from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.discover.sensitivity import could_pass, expected_gains
@@ -60,9 +59,7 @@ def foretold(row: Row, case: Path) -> Row:
     job = Job(key[-4], float(key[-3]), key[-2], int(key[-1]))
     make(job, Settings(**row["settings"]), case)
     comparison = read_comparison(case / "simulated", case / "measured")
-    division = Division.of(comparison)
-    ev, scene = division.evidence(division.parts.find)
-    null, _ = fit_null(division.scan, ev, np.ones(len(scene), np.float32))
+    null = NullModel.of(Division.of(comparison)).problem
     values = true_effects(json.loads(key_path(case).read_text()), comparison)[name]
     _, expected = expected_gains(null, EFFECTS[name], values)
     shutil.rmtree(case)

@@ -30,12 +30,11 @@ from benchmarks.blind import hidden
 from benchmarks.blind.tables import rate
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.discover.gate import (
-    DISTANCE_UNITS,
     NOT_NAMED,
     Gate,
     check_distances,
     colour_of,
-    distance_of,
+    distances_of,
     frame_distances,
     thresholds_of,
 )
@@ -86,10 +85,7 @@ def halves(row: Row) -> list[dict[str, Interval]]:
     """Distances of the streets before, and of those that are judged."""
     table = np.array(row["streets"])
     cut = len(table) // 2
-    return [
-        {name: distance_of(part[:, k], unit) for k, (name, unit) in enumerate(DISTANCE_UNITS.items())}
-        for part in (table[:cut], table[cut:])
-    ]
+    return [distances_of(part) for part in (table[:cut], table[cut:])]
 
 
 def colours(rows: Sequence[Row], simulator: str, rule: Callable[[Interval], float]) -> list[tuple[str, str]]:

@@ -34,16 +34,16 @@ from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import code_version, run_cases
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import add_effects
+from jaxsim.discover.division import NOTHING_YET, AllScenes, Division, NullModel
 from jaxsim.discover.find import find_dependences
-from jaxsim.discover.gap import distance
 from jaxsim.discover.law.learn import curve_form
-from jaxsim.discover.model.fit import Chain, Problem, in_place
-from jaxsim.discover.model.null import first_residuals, refitted
-from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
+from jaxsim.discover.model.fit import Chain, in_place
+from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.answer import decide
 from jaxsim.discover.name.select import Choice
-from jaxsim.discover.read import NOTHING_YET, Division, read_comparison
+from jaxsim.discover.read import read_comparison
 from jaxsim.discover.repeats.examine import examine, with_repeats
+from jaxsim.discover.show.gap import distance
 from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.learned import CHANGE
@@ -74,17 +74,16 @@ def run(job: Job, folder: Path) -> Row:
     began = time.process_time()
     comparison = read_comparison(folder / "simulated", folder / "measured")
     shutil.rmtree(folder)
-    division = Division.of(comparison)
-    found = find_dependences(division)
-    null = found.null
-    answer = decide(null, Choice((), (), null), found.single, scene=found.scene)
+    found = find_dependences(Division.of(comparison))
+    null = found.null.problem
+    answer = decide(null, Choice((), (), null), found.single, scene=found.null.scene)
     form = curve_form(null, *answer.curve, crossed=found.crossed) if answer.curve else None
     added = add_effects(null, (), known=NOTHING_YET, form=form)
     noise = refitted(in_place(null, added.chain)).noise
-    repeats = examine(division, comparison.scenes, null, chain=added.chain, noise=noise, known=NOTHING_YET)
+    repeats = examine(found.null, added.chain, noise)
     added = with_repeats(added, [one.learned for one in repeats])
     k = CHANNELS.index(kind.channel)
-    gained = gain(division, null, added.chain)[k] if added.chain else 0.0
+    gained = gain(found.null, added.chain)[k] if added.chain else 0.0
     return {
         "key": job.key,
         "kind": name,
@@ -95,7 +94,7 @@ def run(job: Job, folder: Path) -> Row:
         "learned": [law.name for law in added.sensor.learned],
         "repeats": [one.repeat.formula for one in repeats],
         "gained": float(gained),
-        "truth": float(gain(division, null, [(truth_law(truth, kind.channel, division.scan), {})])[k]),
+        "truth": float(gain(found.null, [(truth_law(truth, kind.channel, null.scan), {})])[k]),
         "cpu_seconds": round(time.process_time() - began, 1),
     }
 
@@ -148,21 +147,13 @@ def truth_law(change: Rasters, channel: str, scan: Scan) -> Law:
     )
 
 
-def gain(division: Division, null: Problem, chain: Chain) -> Float[np.ndarray, " 3"]:
+def gain(null: NullModel, chain: Chain) -> Float[np.ndarray, " 3"]:
     """Nats a judge scene that each channel's likelihood gains with `chain` in place, as `show.gap_with` has it."""
-    ev, scene = division.all_evidence()
-    fitted = (scene < len(division.parts.find)).astype(np.float32)
-
-    def reweighted(problem: Problem) -> Problem:
-        raw = normal_equations(problem.ev, problem.noise, first_residuals(problem.ev))
-        off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
-        return replace(problem, equations=normal_equations(problem.ev, problem.noise, off))
-
-    before = Problem(division.scan, ev, null.equations, null.noise, null.clutter)
-    after = in_place(replace(before, noise=refitted(in_place(null, chain)).noise), chain, simulated=True)
-    before = reweighted(before)
-    was = distance(before, fitted, before.equations, scene=scene)
-    now = distance(reweighted(after), fitted, before.equations, scene=scene)
+    every = AllScenes.of(null)
+    before = every.with_effects()
+    after = every.with_effects(chain, refitted(in_place(null.problem, chain)).noise)
+    was = distance(before, every.fitted, before.equations, scene=every.scene)
+    now = distance(after, every.fitted, before.equations, scene=every.scene)
     return (now.log_likelihood - was.log_likelihood).mean(0)
 
 

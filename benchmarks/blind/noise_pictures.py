@@ -23,12 +23,12 @@ from jaxtyping import Float
 from benchmarks.blind.hidden import make_case
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.discover import Comparison, read_comparison
+from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.cast import with_planes
 from jaxsim.discover.model.evidence import Evidence, gather
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, save_figure
@@ -65,17 +65,13 @@ def main(argv: list[str] | None = None) -> None:
 
 def as_meant(comparison: Comparison) -> Problem:
     """The null as discover has it."""
-    division = Division.of(comparison)
-    ev, scene = division.evidence(division.parts.find)
-    return fit_null(division.scan, ev, np.ones(len(scene), np.float32))[0]
+    return NullModel.of(Division.of(comparison)).problem
 
 
 def as_written(comparison: Comparison) -> Problem:
     """The null of the same rays, the simulated frames taken at their word."""
     division = Division.of(comparison)
-    keep = np.array([scene in division.parts.find for scene in division.blocks.scene])
-    order = {name: k for k, name in enumerate(division.parts.find)}
-    scene = np.array([order[name] for name in division.blocks.scene if name in order])
+    keep, scene = division.blocks_of(division.parts.find)
     given = jax.tree.map(jnp.asarray, comparison.scan)
     measured = jax.tree.map(jnp.asarray, comparison.measured)
     scan = with_planes(given)

@@ -34,10 +34,9 @@ from benchmarks.blind.tables import rate
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.devices import by_small_steps
 from jaxsim.discover import Comparison, discover, read_comparison
-from jaxsim.discover.find import find_dependences
+from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.discover.read import Division
 from jaxsim.effects import EFFECTS, Effect, get_effect
 from jaxsim.effects.region import Region, within
 
@@ -141,7 +140,7 @@ def bias(effect: Effect, found: Mapping[str, Any], true: Mapping[str, Any]) -> f
 @by_small_steps
 def oracle(comparison: Comparison, effect: Effect, part: Mapping[str, Any], true: Mapping[str, Any]) -> dict[str, Any]:
     """The hidden effect fitted to the find scenes in its true part."""
-    null = find_dependences(Division.of(comparison)).null
+    null = NullModel.of(Division.of(comparison)).problem
     names = {f"drive_{s:03d}" for s in part["scenes"]}
     frames = np.isin(comparison.scenes, sorted(names))
     sector = tuple(part["azimuth"]) if part["azimuth"] else None

@@ -30,8 +30,7 @@ from benchmarks.blind.rows import code_version, run_cases
 from benchmarks.blind.tables import rate
 from jaxsim.devices import by_small_steps
 from jaxsim.discover import Comparison, read_comparison
-from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.read import NOTHING_YET, Division
+from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.repeats.examine import Dense
 from jaxsim.discover.repeats.find import LEAST_HEIGHT, ChannelScales, find_repeats
 from jaxsim.discover.rules import RULES
@@ -106,11 +105,9 @@ def run(simulator: str, pattern: str, number: int, *, folder: Path, first: int) 
 
 def examined(comparison: Comparison, truth: Pattern) -> Row:
     """What repeats in a comparison; where a pattern is planted, what the laws explain of it."""
-    division = Division.of(comparison)
-    ev, scene = division.evidence(division.parts.find)
-    null, _ = fit_null(division.scan, ev, np.ones(len(scene), np.float32))
-    dense = Dense.of(division, comparison.scenes, null, known=NOTHING_YET)
-    maps = dense.maps([], null.noise)
+    null = NullModel.of(Division.of(comparison))
+    dense = Dense.of(null)
+    maps = dense.maps()
     signs = signs_of(int(dense.finding.sum()))
     centred = {channel: replace(one, total=one.centred(one.total)) for channel, one in maps.items()}
     looks = {c: ChannelScales.at(one, dense.finding, signs, bins=RULES.repeats_bins) for c, one in centred.items()}
@@ -121,7 +118,7 @@ def examined(comparison: Comparison, truth: Pattern) -> Row:
     told = find_repeats(maps, dense.finding, bins=RULES.repeats_bins) if every else ()
     row: Row = {"p": p, "repeats": [_plain(one.repeat) for one in every], "answered": bool(told)}
     if truth.any() and told:
-        learned = dense.learn(told, [], null.noise)
+        learned = dense.learn(told, [], null.problem.noise)
         height = np.sum([law_on_grid(one.learned, truth.shape) for one in learned], axis=0)
         off = (truth - truth.mean()) - (height - height.mean())
         row["learned"] = [_plain(one.repeat) | {"judged_nats": one.judged_nats} for one in learned]

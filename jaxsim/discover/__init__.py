@@ -11,15 +11,15 @@
 The likelihood stands in `model`, every threshold of the decision in `rules`, all statistics over scenes in `scenes`.
 Files in the order in which the data meets them:
 
-    checks, read                 two folders, checked and put side by side
-    register, mounting           where the sensor stood, and what of it is put in place first
-    covariates, find             on what the disagreement depends
+    read                         two folders, checked and put side by side; where the sensor stood
+    mounting                     what of that is put in place before anything else is asked
+    division                     find and judge scenes, and the null model that all that is found stands on
     one_drive                    what is bound to directions, which sectors of a single drive cannot show
+    covariates, find             on what the disagreement depends
     look_alikes, name, law       which effect it is; what no effect describes, as a law with a formula
     add                          what was named, fitted together
     regimes, repeats             what acts in a part alone; what comes back at the same rows and columns
-    gap, drawn, show             how far the sides are apart on unseen scenes, and what a report draws of them
-    every_frame                  the same of all frames that were not read, block by block
+    show                         how far the sides are apart on unseen scenes, and what a report draws of them
     sensitivity, levels, objects what the frames could show; noise, and targets, of both sides
     explain, verdict, workflow   the answer in plain values, and the whole way
     unpaired                     the whole way where the streets differ

@@ -77,6 +77,12 @@ def values_of(covariate: str, rays: Any, counts: np.ndarray) -> np.ndarray:
     return np.asarray(ON_HOST[covariate](_Picked(rays, counts)))
 
 
+def values_along(problem: Problem, covariate: str) -> Float[np.ndarray, " n"]:
+    """A covariate of all rays of a problem that hit anything."""
+    rays = problem.ev.rays
+    return values_of(covariate, rays, np.asarray(rays.hit)).astype(np.float64)
+
+
 class _Picked:
     """The chosen rays' fields, read like a Rays."""
 
@@ -157,8 +163,7 @@ CURVES = {
 
 def with_basis(problem: Problem, covariate: str) -> Problem:
     """The problem whose rays carry the covariate's basis, so that the one program of a channel serves all curves."""
-    x = values_of(covariate, problem.ev.rays, np.asarray(problem.ev.rays.hit)).astype(np.float64)
-    return with_columns(problem, fixed_basis(x, covariate))
+    return with_columns(problem, fixed_basis(values_along(problem, covariate), covariate))
 
 
 def with_columns(problem: Problem, columns: Float[np.ndarray, "n k"]) -> Problem:

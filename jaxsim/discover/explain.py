@@ -6,21 +6,21 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
 
 from jaxsim.discover.add import parameters_of
+from jaxsim.discover.division import Division
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import gain_and_classes
+from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import Split, clipped
+from jaxsim.discover.scenes import clipped
 from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
-from jaxsim.metrics.intervals import mean_interval
 
 
 def named(
@@ -38,15 +38,14 @@ def named(
     # Look-alikes of one's own effect are those of these frames, which the candidates carry.
     every = {**EFFECTS, **{one.effect.plain_name: one.effect for one in (step.chosen, *step.alike)}}
     told = effect.look_alikes
-    # No scene decides alone.
-    gain = clipped(step.chosen.by_scene)
     return Named(
         name=effect.plain_name,
         look_alikes=tuple(alike),
         tell_apart={one: told.get(one) or every[one].look_alikes.get(effect.plain_name) or remedy for one in alike},
         channels=effect.channels,
         p_value=step.chosen.chance,
-        gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
+        # No scene decides alone.
+        gain=Interval.of_scenes(clipped(step.chosen.by_scene), "nats per scene"),
         parameters=parameters,
         does=does or {},
     )
@@ -128,7 +127,7 @@ def nuisance_changes(null: Problem, choice: Choice, z: Sequence[dict[str, Any]])
     return changes
 
 
-def notes(comparison: Comparison, parts: Split, choice: Choice, *, held: Sequence[str] = ()) -> tuple[str, ...]:
+def notes(comparison: Comparison, division: Division, answer: Answer, *, held: Sequence[str] = ()) -> tuple[str, ...]:
     """What a reader must know; `held` are the effects that the sensor model already had."""
     lines = list(comparison.notes)
     if held:
@@ -141,76 +140,52 @@ def notes(comparison: Comparison, parts: Split, choice: Choice, *, held: Sequenc
             "one drive alone: its frames are cut into the same sectors with gaps between them; sectors are less "
             "independent than drives"
         )
-    for step in choice.steps:
-        if step.chosen.chance > RULES.agreement_level:
-            lines.append(
-                f"{step.chosen.effect.plain_name}: a rare event; few scenes show it, without the test over scenes"
-            )
-    if len(parts.judge) < RULES.few_judge_scenes:
-        lines.append(f"{len(parts.judge)} judge scenes: intervals of the gap are wide")
+    named_effects = [step.chosen.effect for step in answer.choice.steps]
+    lines += [
+        f"{step.chosen.effect.plain_name}: a rare event; few scenes show it, without the test over scenes"
+        for step in answer.choice.steps
+        if step.chosen.chance > RULES.agreement_level
+    ]
+    if len(division.parts.judge) < RULES.few_judge_scenes:
+        lines.append(f"{len(division.parts.judge)} judge scenes: intervals of the gap are wide")
+    if noises := ", ".join(_noises(division.simulator.noise)):
+        lines.append(
+            f"the simulated frames have noise of their own ({noises}; read off neighbouring rays, so texture as "
+            "fine as these is part of it): surfaces were made smooth, and compared is what the simulator means; "
+            "effects count by what they explain between surfaces, ranges and angles. Frames without noise tell more"
+        )
+    if answer.mutual:
+        lines.append(
+            f"found, and not said: {', '.join(answer.mutual)}. With the sides exchanged it is found as well: so it is "
+            "what noise of both does to the comparison, nothing that one of them has and the other has not"
+        )
+    if answer.unfounded:
+        lines.append(
+            f"found, and not said: {', '.join(answer.unfounded)}. Weak echoes lie farther from the prediction, but the "
+            "noise of neighbouring readings does not grow as echoes weaken: what grows is what the simulator does not "
+            "know of grazing surfaces and of the sensor's pose"
+        )
+    by_range = [one for one in named_effects if (one.channels, one.covariates) == (("intensity",), ("range",))]
+    if by_range and len(np.unique(np.asarray(comparison.scan.semantic))) == 1:
+        lines.append(
+            f"{', '.join(one.plain_name for one in by_range)}: the simulated frames tell no classes. Where one "
+            "material stands near by and another far off in every scene, and the simulator has one of them too bright, "
+            "that looks the same; frames with `semantic` tell the two apart"
+        )
+    lines += [
+        f"not confirmed on unseen scenes: {curve} explained the scenes that the search saw, but the judge scenes do "
+        "not gain in the mean; it is not added"
+        for curve in answer.unconfirmed
+    ]
     return tuple(lines)
 
 
-def simulator_noise(noise: Levels) -> tuple[str, ...]:
-    """What a reader must know of noise that the simulated frames carry themselves."""
-    noises = [
-        f"{what} {value:.2g}{unit}"
-        for what, value, unit in (
-            ("range", 100 * noise.range_m, " cm"),
-            ("intensity", 100 * noise.intensity_share, " %"),
-            ("intensity, the same for all,", noise.intensity, ""),
-            ("rays lost", 100 * noise.loss, " %"),
-        )
-        if value > 0
-    ]
-    if not noises:
-        return ()
-    return (
-        f"the simulated frames have noise of their own ({', '.join(noises)}; read off neighbouring rays, so texture as "
-        "fine as these is part of it): surfaces were made smooth, and compared is what the simulator means; effects "
-        "count by what they explain between surfaces, ranges and angles. Frames without noise tell more",
+def _noises(noise: Levels) -> list[str]:
+    """Noise that the simulated frames carry themselves, in words."""
+    levels = (
+        ("range", 100 * noise.range_m, " cm"),
+        ("intensity", 100 * noise.intensity_share, " %"),
+        ("intensity, the same for all,", noise.intensity, ""),
+        ("rays lost", 100 * noise.loss, " %"),
     )
-
-
-def without_classes(semantic: Int[np.ndarray, "f r c"], choice: Choice) -> tuple[str, ...]:
-    """What a reader must know of effects by which intensities follow the range alone, where no class tells surfaces
-    apart."""
-    effects = [step.chosen.effect for step in choice.steps]
-    along_range = [one.plain_name for one in effects if (one.channels, one.covariates) == (("intensity",), ("range",))]
-    if not along_range or len(np.unique(semantic)) > 1:
-        return ()
-    return (
-        f"{', '.join(along_range)}: the simulated frames tell no classes. Where one material stands near by and "
-        "another far off in every scene, and the simulator has one of them too bright, that looks the same; frames "
-        "with `semantic` tell the two apart",
-    )
-
-
-def unconfirmed_curves(curves: Sequence[str]) -> tuple[str, ...]:
-    """What a reader must know of free curves that judge scenes do not bear out."""
-    return tuple(
-        f"not confirmed on unseen scenes: {curve} explained the scenes that the search saw, but the judge scenes do "
-        "not gain in the mean; it is not added"
-        for curve in curves
-    )
-
-
-def mutual_noise(names: Sequence[str]) -> tuple[str, ...]:
-    """What a reader must know of what was found and is not said."""
-    if not names:
-        return ()
-    return (
-        f"found, and not said: {', '.join(names)}. With the sides exchanged it is found as well: so it is what noise "
-        "of both does to the comparison, nothing that one of them has and the other has not",
-    )
-
-
-def unfounded_noise(names: Sequence[str]) -> tuple[str, ...]:
-    """What a reader must know of noise that surfaces and poses feign."""
-    if not names:
-        return ()
-    return (
-        f"found, and not said: {', '.join(names)}. Weak echoes lie farther from the prediction, but the noise of "
-        "neighbouring readings does not grow as echoes weaken: what grows is what the simulator does not know of "
-        "grazing surfaces and of the sensor's pose",
-    )
+    return [f"{what} {value:.2g}{unit}" for what, value, unit in levels if value > 0]

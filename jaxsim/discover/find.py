@@ -21,13 +21,11 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import rankdata
 
 from jaxsim.discover.covariates import COVARIATES, Dependence, curve_basis, spelled, values_of
-from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.null import fit_null, standardised
-from jaxsim.discover.read import NOTHING_YET, Division
+from jaxsim.discover.division import NOTHING_YET, Division, NullModel
+from jaxsim.discover.model.null import standardised
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import best_of_gains, chance_of_best
 from jaxsim.discover.verdict import Where
-from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 
 FITTED = (("intensity", "class"),)
@@ -240,9 +238,7 @@ def _interaction_gain(
 class Dependences:
     """What the find scenes show before any effect is added."""
 
-    null: Problem
-    scene: Int[np.ndarray, " b"]
-    """The scene of each block."""
+    null: NullModel
     single: list[Dependence]
     """Dependences of the null's residuals on single covariates, strongest first."""
     where: tuple[Where, ...]
@@ -252,17 +248,12 @@ class Dependences:
 
 
 def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Dependences:
-    """The null model of the find scenes with the `known` effects in place, and what its residuals depend on. Raises
-    ValueError for a learned law of what the frames do not hold."""
-    for law in known.learned:
-        law.check(division.scan)
-    ev, scene = division.evidence(division.parts.find, known)
-    # The null needs the component of false returns as soon as a known effect makes some.
-    clutter = any(get_effect(name).clutter for name, _ in known.effects)
-    null, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
-    rays, residuals = standardised(null, ev.all_blocks)
-    single = localise(rays, residuals, scene)
-    crossed = interactions(rays, residuals, scene)
+    """The null model with the `known` effects in place, and what its residuals depend on. Raises ValueError for a
+    learned law of what the frames do not hold."""
+    null = NullModel.of(division, known)
+    rays, residuals = standardised(null.problem, null.problem.ev.all_blocks)
+    single = localise(rays, residuals, null.scene)
+    crossed = interactions(rays, residuals, null.scene)
     listed = reported([*single, *crossed])
     where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
-    return Dependences(null, scene, single, where, tuple(reported(crossed)))
+    return Dependences(null, single, where, tuple(reported(crossed)))

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.data.polar_frames import open_polar_frames, scene_of
-from jaxsim.discover.checks import check_one_grid
+from jaxsim.discover.read.checks import check_one_grid
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import scene_means
 from jaxsim.discover.verdict import Interval, Named, Verdict
@@ -35,7 +35,6 @@ from jaxsim.effects import EFFECTS
 from jaxsim.files import check_keys, read_json, real, write_text
 from jaxsim.frame import PolarImage
 from jaxsim.geometry.points import FAR_M
-from jaxsim.metrics.intervals import mean_interval
 
 Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
@@ -173,24 +172,20 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     checks = [_named(gate, verdict, before)]
     if verdict.unrelated and not (gate.baseline or {}).get("unrelated"):
         checks.append(Check("effects on intensity", "unsure", NOT_ASKED))
-    for channel, most in gate.thresholds.items():
+
+    def at_most(channel: str, most: float, *, name: str, told: str) -> Check:
         gap = verdict.gap.get(channel)
         if gap is None or not np.isfinite(gap.before):
-            checks.append(Check(channel, "unsure", NOT_COMPARED))
-            continue
-        words = f"{gap.before:.4g} {gap.unit}, at most {most:g} may be"
-        checks.append(Check(channel, "pass" if gap.before <= most else "gap", words))
+            return Check(name, "unsure", NOT_COMPARED)
+        return Check(name, "pass" if gap.before <= most else "gap", f"{gap.before:.4g} {gap.unit}, {told}")
+
+    for channel, most in gate.thresholds.items():
+        checks.append(at_most(channel, most, name=channel, told=f"at most {most:g} may be"))
     for channel, old in ((gate.baseline or {}).get("gap") or {}).items():
         # What was not compared before is null, and the closure has no distance.
-        if not isinstance(old, dict) or not isinstance(old.get("before"), int | float):
-            continue
-        gap = verdict.gap.get(channel)
-        if gap is None or not np.isfinite(gap.before):
-            checks.append(Check(f"{channel} against baseline", "unsure", NOT_COMPARED))
-            continue
-        most = old["before"] * (1 + RULES.gate_worse_share)
-        words = f"{gap.before:.4g} {gap.unit}, {old['before']:.4g} before"
-        checks.append(Check(f"{channel} against baseline", "pass" if gap.before <= most else "gap", words))
+        if isinstance(old, dict) and isinstance(old.get("before"), int | float):
+            most, told = old["before"] * (1 + RULES.gate_worse_share), f"{old['before']:.4g} before"
+            checks.append(at_most(channel, most, name=f"{channel} against baseline", told=told))
     return tuple(checks)
 
 
@@ -283,7 +278,13 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
             f"discover: {len(table)} scenes; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
             "does (frames of one drive share a scene in grid.json)"
         )
-    return {channel: distance_of(table[:, k], unit) for k, (channel, unit) in enumerate(DISTANCE_UNITS.items())}
+    return distances_of(table)
+
+
+def distances_of(table: Float[np.ndarray, "s channels"]) -> dict[str, Interval]:
+    """The distances of scenes, by channel; one that a single scene shows is none."""
+    units = enumerate(DISTANCE_UNITS.items())
+    return {channel: Interval.of_scenes(table[:, k], unit, fewest=2) for k, (channel, unit) in units}
 
 
 def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.ndarray, " channels"]:
@@ -299,10 +300,3 @@ def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.nda
     # The median: rays that met another surface are off by metres.
     range_m = np.median(np.abs(np.asarray(simulated.range_m)[both] - np.asarray(measured.range_m)[both]))
     return np.array([intensity, range_m, drop], np.float64)
-
-
-def distance_of(scenes: Float[np.ndarray, " s"], unit: str) -> Interval:
-    """The mean over the scenes that have a value."""
-    finite = scenes[np.isfinite(scenes)]
-    low, high = mean_interval(finite)
-    return Interval(float(finite.mean()) if len(finite) > 1 else float("nan"), low, high, unit)

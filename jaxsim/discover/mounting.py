@@ -19,13 +19,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
+from jaxsim.discover.division import NOTHING_YET
 from jaxsim.discover.model.cast import RayIndex, ray_index
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.discover.read import NOTHING_YET, Comparison
-from jaxsim.discover.register.registration import LIFT, MOTION_PARTS, Registration
+from jaxsim.discover.read import Comparison
+from jaxsim.discover.read.registration import LIFT, MOTION_PARTS, Registration
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, p_value
 from jaxsim.discover.verdict import Interval, Named, Registered
@@ -235,7 +236,7 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
             tell_apart={},
             channels=EFFECTS[name].channels,
             p_value=p_value(gain),
-            gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
+            gain=Interval.of_scenes(gain, "nats per scene"),
             parameters={**values, **vectors},
         )
         # What every other name is asked: the signs of find scenes, the bar, and judge scenes.

@@ -16,7 +16,6 @@ from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Fidelity, Interval
-from jaxsim.metrics.intervals import mean_interval
 
 TILE = (8, 32)
 """Rows and columns of a tile of the raster."""
@@ -103,11 +102,6 @@ def _more(simulated: float, measured: float) -> float:
 
 
 def mean_over_scenes(values: list[np.ndarray], *, least: float = -np.inf) -> Interval:
-    """The mean over scenes of the means over their targets, in per cent; its interval ends at what it is at `least`,
-    as no absolute error is below 0."""
+    """The mean over scenes of the means over their targets, in per cent; no absolute error is below 0 (`least`)."""
     means = np.array([np.nanmean(rows) if np.isfinite(rows).any() else np.nan for rows in values])
-    means = 100 * means[np.isfinite(means)]
-    if len(means) < RULES.fewest_for_scatter:
-        return Interval(float("nan"), float("nan"), float("nan"), "%")
-    low, high = mean_interval(means)
-    return Interval(float(means.mean()), max(low, least), high, "%")
+    return Interval.of_scenes(100 * means, "%", fewest=RULES.fewest_for_scatter, least=least)

@@ -11,21 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.add import add_effects, changes
+from jaxsim.discover.division import AllScenes, NullModel
 from jaxsim.discover.explain import named
-from jaxsim.discover.find import find_dependences
 from jaxsim.discover.model.cast import blocks, cast
-from jaxsim.discover.model.fit import in_place
+from jaxsim.discover.model.fit import Chain, in_place
 from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.select import Log, choose
-from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value, split_scenes
-from jaxsim.discover.show import gap_with
+from jaxsim.discover.show.gap import distance
 from jaxsim.discover.verdict import Named, Verdict
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
@@ -47,44 +47,48 @@ class OfPieces:
     pieces: int
 
 
-def ask_pieces(division: Division, catalogue: Sequence[Effect], *, known: SensorModel, log: Log) -> OfPieces:
-    """The effects of the catalogue that pieces of the one drive that was cut into sectors in `division` show, and judge
-    pieces confirm; none where the drive has too few frames, and of several drives."""
-    nothing = OfPieces((), known, 0)
-    frames, rows, columns = division.scan.range_m.shape
+def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> OfPieces:
+    """The effects of the catalogue that pieces of a drive show and judge pieces confirm, where the null model is of one
+    drive that was cut into `sectors`; none where it has too few frames, and of several drives."""
+    nothing = OfPieces((), sectors.known, 0)
+    whole = sectors.division
+    frames, rows, columns = whole.scan.range_m.shape
     bound = [effect for effect in catalogue if effect.name in BOUND]
-    cut = len(division.blocks.frame) > frames
+    cut = len(whole.blocks.frame) > frames
     if not cut or not bound or frames < RULES.fewest_scenes:
         return nothing
     count = min(PIECES, frames)
-    labels = [f"piece {k * count // frames:02d}" for k in range(frames)]
-    chosen = blocks(labels, rows, columns)
-    rays = cast(division.scan, chosen.frame, chosen.column)
-    pieces = replace(division, blocks=chosen, rays=rays, parts=split_scenes(chosen.scene))
-    null = find_dependences(pieces, known).null
+    chosen = blocks([f"piece {k * count // frames:02d}" for k in range(frames)], rows, columns)
+    rays = cast(whole.scan, chosen.frame, chosen.column)
+    pieces = replace(whole, blocks=chosen, rays=rays, parts=split_scenes(chosen.scene))
+    null = NullModel.of(pieces, sectors.known)
     log(f"one drive: {' and '.join(effect.name for effect in bound)} are asked of {count} pieces of it")
-    if not choose(null, bound, log=log).steps:
+    if not choose(null.problem, bound, log=log).steps:
         return nothing
     # Alone they stand in for what goes by range or class, which differ from side to side: now beside all others.
-    choice = choose(null, catalogue, log=log)
-    steps = [step.chosen.effect.name in BOUND and without_brightness(step.chosen.gain) for step in choice.steps]
-    if not any(steps):
+    choice = choose(null.problem, catalogue, log=log)
+    stands = [step.chosen.effect.name in BOUND and without_brightness(step.chosen.gain) for step in choice.steps]
+    if not any(stands):
         return nothing
-    added = add_effects(null, choice.steps, known=known)
-    chain = [pair for pair, keep in zip(added.chain, steps, strict=True) if keep]
-    noise = refitted(in_place(null, chain)).noise
-    judged = gap_with(pieces, null, chain, noise=noise, known=known).gap
-    if sum(one.gained.value for one in judged.values() if one.gained) <= RULES.confirmed_nats:
+    added = add_effects(null.problem, choice.steps, known=sectors.known)
+    if judged_nats(null, [*compress(added.chain, stands)]) <= RULES.confirmed_nats:
         return nothing
-    every = zip(choice.steps, added.parameters, added.refits, strict=True)
-    effects = tuple(
-        named(step, values, does=changes(null, one))
-        for (step, values, one), keep in zip(every, steps, strict=True)
-        if keep
-    )
-    of_sensor = [pair for pair in added.sensor.effects if pair[0] not in dict(known.effects)]
-    kept = [pair for pair, keep in zip(of_sensor, steps, strict=True) if keep]
-    return OfPieces(effects, replace(known, effects=(*known.effects, *kept)), count)
+    effects = [
+        named(step, values, does=changes(null.problem, one))
+        for step, values, one in zip(choice.steps, added.parameters, added.refits, strict=True)
+    ]
+    of_sensor = added.sensor.effects[len(sectors.known.effects) :]
+    known = replace(sectors.known, effects=(*sectors.known.effects, *compress(of_sensor, stands)))
+    return OfPieces(tuple(compress(effects, stands)), known, count)
+
+
+def judged_nats(null: NullModel, chain: Chain) -> float:
+    """Nats that a judge piece gains by effects, in the mean."""
+    every = AllScenes.of(null)
+    before = every.with_effects()
+    after = every.with_effects(chain, refitted(in_place(null.problem, chain)).noise)
+    sides = [distance(problem, every.fitted, before.equations, scene=every.scene) for problem in (before, after)]
+    return float((sides[1].log_likelihood - sides[0].log_likelihood).mean(0).sum())
 
 
 def without_brightness(gain: Float[np.ndarray, "s 3"]) -> bool:

@@ -48,7 +48,7 @@ class Rules:
     """... and this share of the range: every effect of the catalogue but rain and fog leaves most rays so."""
     same_street: float = 0.75
     """Share of rays that agree in a frame, at least: effects of the catalogue leave nearly all, in another street
-    little more than the road agrees (tests/discover/test_checks.py)."""
+    little more than the road agrees (tests/discover/read/test_checks.py)."""
     not_beyond: float = 0.8
     """The same share of the rays that agree or go beyond, at least: clutter before the surface does not count."""
     in_sight: float = 0.7

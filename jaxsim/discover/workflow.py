@@ -3,49 +3,42 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added, add_effects, changes
-from jaxsim.discover.every_frame import HeldAnswer, judge_rest, rest_in_words
+from jaxsim.discover.division import NOTHING_YET, Division
 from jaxsim.discover.explain import (
-    mutual_noise,
     named,
     notes,
     nuisance_changes,
     own_candidates,
     ranking,
-    simulator_noise,
-    unconfirmed_curves,
-    unfounded_noise,
     why_not,
-    without_classes,
 )
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.law.learn import curve_form, leaves_nothing
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, made_by, missing, range_noise_grows
 from jaxsim.discover.look_alikes import with_look_alikes
-from jaxsim.discover.model.fit import Problem, in_place
+from jaxsim.discover.model.fit import in_place
 from jaxsim.discover.model.null import refitted
 from jaxsim.discover.mounting import named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.name.answer import Answer, name_effects, without_curve
 from jaxsim.discover.name.exchange import Exchanged
-from jaxsim.discover.name.select import Choice, Log
+from jaxsim.discover.name.select import Log
 from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.one_drive import ask_pieces, with_pieces
-from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
+from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.regimes.find import Divided, find_regimes
 from jaxsim.discover.repeats.examine import examine, formula_of, one_sided, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, unrelated
 from jaxsim.discover.show import law_gains, sensor_of, show_gap, with_mounting, without_unconfirmed
+from jaxsim.discover.show.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
@@ -104,19 +97,19 @@ def discover(
     log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
-    dependences = find_dependences(division, mounting.known)
-    finer = refine_lift(comparison, mounting, dependences.null, known=known)
+    found = find_dependences(division, mounting.known)
+    finer = refine_lift(comparison, mounting, found.null.problem, known=known)
     # What the null says rests on where the sensor stands: it is asked again from there.
     if finer is not mounting:
         mounting, division = finer, Division.of(finer.comparison)
-        dependences = find_dependences(division, mounting.known)
-    found = ask_pieces(division, catalogue, known=mounting.known, log=log)
-    if found.effects:
-        mounting = replace(mounting, known=found.known)
-        catalogue = [effect for effect in catalogue if effect.name not in dict(found.known.effects)]
-        dependences = find_dependences(division, mounting.known)
-    comparison, null = mounting.comparison, dependences.null
-    unrelated_note = unrelated(correlations(null.ev, dependences.scene))
+        found = find_dependences(division, mounting.known)
+    of_drive = ask_pieces(found.null, catalogue, log=log)
+    if of_drive.effects:
+        mounting = replace(mounting, known=of_drive.known)
+        catalogue = [effect for effect in catalogue if effect.name not in dict(mounting.known.effects)]
+        found = find_dependences(division, mounting.known)
+    comparison, null = mounting.comparison, found.null.problem
+    unrelated_note = unrelated(correlations(null.ev, found.null.scene))
     if unrelated_note:
         catalogue = [effect for effect in catalogue if of_ranges(effect)]
 
@@ -125,12 +118,12 @@ def discover(
     log(f"fitting {len(catalogue)} effects")
     without = ("intensity",) if unrelated_note else ()
     # Of a simulator without noise the sides are no two readings of one street.
-    exchanged = cache(partial(Exchanged.of, comparison, division, null)) if division.simulator.noisy else None
+    exchanged = cache(partial(Exchanged.of, comparison, found.null)) if division.simulator.noisy else None
     answer = name_effects(
         null,
         catalogue,
-        dependences.single,
-        scene=dependences.scene,
+        found.single,
+        scene=found.null.scene,
         nulls=nulls,
         without=without,
         unasked=HIDDEN_BY_NOISE if division.simulator.intensities is not None else (),
@@ -141,66 +134,64 @@ def discover(
     )
 
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
-    divided = find_regimes(division, comparison.scenes, null, answer=answer, known=mounting.known, log=log)
+    divided = find_regimes(found.null, answer, without=without, log=log)
 
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
-    model = sensor_model_of(
-        division,
-        comparison.scenes,
-        dependences,
-        divided=divided,
-        known=mounting.known,
-        exchanged=exchanged,
-        log=log,
-    )
+    fitted = fit_answer(found, divided, exchanged, log=log)
+    answer, added, choice = fitted.answer, fitted.added, fitted.answer.choice
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
-    shown = show_gap(division, null, model.choice, added=model.added, known=mounting.known)
+    shown = show_gap(found.null, choice, added)
     maps = shown.maps_before, shown.maps_after
     every = None
     if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
-        answer_held = HeldAnswer(division, null, model.added.chain, model.choice.problem.noise, mounting.known)
-        every, maps = judge_rest(comparison, mounting, answer_held) or (None, maps)
+        held = HeldAnswer(found.null, added.chain, choice.problem.noise)
+        every, maps = judge_rest(comparison, mounting, held) or (None, maps)
     levels = compare_levels(comparison)
-    rows = len(null.scan.grid.elevation_rad)
     verdict = Verdict(
+        verdict=answer.verdict,
+        effects=tuple(
+            named(step, values, does=changes(null, one))
+            for step, values, one in zip(choice.steps, added.parameters, added.refits, strict=True)
+        ),
         frames=len(comparison.names),
-        where=dependences.where,
+        where=found.where,
+        unexplained=answer.unexplained,
         gap=shown.gap,
         closure=shown.closure,
         find=parts.find,
         judge=parts.judge,
         sha256=parts.sha256,
+        moved=nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
+        ranking=ranking(choice, why_not, bar=choice.bars.effect),
+        nulls=answer.nulls,
         levels=levels,
         objects=compare_objects(comparison),
+        own=own_candidates(choice),
+        learned=added.sensor.learned[len(mounting.known.learned) :],
+        law=closed_law(added.learned) if added.learned else formula_of(fitted.repeats),
+        repeats=tuple(one.repeat for one in fitted.repeats),
         every_frame=every,
         regimes=divided.regimes,
         registered=registered_of(comparison),
         unrelated=unrelated_note is not None,
         sensitivity=sensitivities(null, catalogue),
         notes=(
-            *notes(comparison, parts, model.choice, held=modelled),
-            *simulator_noise(division.simulator.noise),
-            *mutual_noise(model.answer.mutual),
-            *unfounded_noise(model.answer.unfounded),
-            *without_classes(np.asarray(comparison.scan.semantic), model.choice),
-            *unconfirmed_curves(model.answer.unconfirmed),
+            *notes(comparison, division, answer, held=modelled),
             *([rest_in_words(every)] if every else []),
             *([unrelated_note] if unrelated_note else []),
         ),
         seconds=time.monotonic() - begun,
-        **verdict_fields(null, model, known=mounting.known),
     )
-    verdict = with_pieces(without_unconfirmed(verdict), found)
-    verdict = with_mounting(verdict, *named_mounting(mounting, parts, rows=rows))
-    sensor = sensor_of(verdict, model.added.sensor, known)
+    of_mounting = named_mounting(mounting, parts, rows=len(null.scan.grid.elevation_rad))
+    verdict = with_mounting(with_pieces(without_unconfirmed(verdict), of_drive), *of_mounting)
+    sensor = sensor_of(verdict, added.sensor, known)
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
-    standing = [(one.effect, one.fit.z) for one in model.added.refits if one.effect.plain_name in dict(sensor.effects)]
+    standing = [(one.effect, one.fit.z) for one in added.refits if one.effect.plain_name in dict(sensor.effects)]
     sensor = replace(sensor, levels=missing(levels, made_by(null.ev, in_place(null, standing).ev)))
-    ranked = model.choice.first_ranking
-    return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, ranked, shown.frames)
+    return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, choice.first_ranking, shown.frames)
 
 
 @dataclass(frozen=True)
@@ -208,38 +199,25 @@ class FittedAnswer:
     """What was named, with all of it fitted together."""
 
     answer: Answer
-    """The answer, with what repeats."""
-    choice: Choice
-    """The answer's steps, and the problem with all that was added in place."""
+    """The answer, with what repeats; its choice has the problem with all that was added in place."""
     added: Added
     repeats: tuple[LearnedRepeat, ...]
 
 
-def sensor_model_of(
-    division: Division,
-    scenes: Sequence[str],
-    dependences: Dependences,
-    *,
-    divided: Divided,
-    known: SensorModel,
-    exchanged: Callable[[], Exchanged] | None,
-    log: Log,
+def fit_answer(
+    found: Dependences, divided: Divided, exchanged: Callable[[], Exchanged] | None, *, log: Log
 ) -> FittedAnswer:
     """What was named, fitted together; a law for what no effect describes; and laws of what repeats at the same rows
-    and columns in every scene with these in place, but does not with the sides `exchanged`. `scenes` are those of the
-    frames."""
+    and columns in every scene with these in place, but does not with the sides `exchanged`."""
     log("fitting what was named together")
-    null = dependences.null
-    answer = divided.answer
-    choice = answer.choice
+    null, known = found.null.problem, found.null.known
+    answer, choice = divided.answer, divided.answer.choice
     form = None
     if answer.curve:
-        form = curve_form(choice.problem, *answer.curve, crossed=dependences.crossed, bar=choice.bars.free)
+        form = curve_form(choice.problem, *answer.curve, crossed=found.crossed, bar=choice.bars.free)
     added = add_effects(null, choice.steps, known=known, form=form, regions=divided.regions)
     effects = [step.placed for step in choice.steps]
-    if added.learned and not law_gains(
-        division, null, before=choice.problem, effects=effects, added=added, known=known
-    ):
+    if added.learned and not law_gains(found.null, added, before=choice.problem, effects=effects):
         log(f"{added.learned.learned.name}: scenes that it was not fitted to do not gain by it")
         answer = without_curve(answer)
         added = add_effects(null, choice.steps, known=known, regions=divided.regions)
@@ -248,36 +226,16 @@ def sensor_model_of(
         # The law leaves less noise than there was: what is asked next must know it.
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
     log("looking for what repeats")
-    repeats = examine(division, scenes, null, chain=added.chain, noise=choice.problem.noise, known=known)
+    repeats = examine(found.null, added.chain, choice.problem.noise)
     if repeats and exchanged:
-        repeats, mutual = one_sided(repeats, exchanged(), scenes)
+        repeats, mutual = one_sided(repeats, exchanged())
         answer = replace(answer, mutual=(*answer.mutual, *mutual))
     if repeats:
         log(f"{repeats[0].repeat.formula}, in every scene: no effect of the catalogue, added as it is")
         added = with_repeats(added, [one.learned for one in repeats])
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
         answer = with_what_repeats(answer, repeats[0])
-    return FittedAnswer(answer, choice, added, repeats)
-
-
-def verdict_fields(null: Problem, model: FittedAnswer, *, known: SensorModel) -> dict[str, Any]:
-    """What a verdict says of the sensor model, by its fields' names."""
-    choice, added = model.choice, model.added
-    return {
-        "verdict": model.answer.verdict,
-        "effects": tuple(
-            named(step, values, does=changes(null, one))
-            for step, values, one in zip(choice.steps, added.parameters, added.refits, strict=True)
-        ),
-        "unexplained": model.answer.unexplained,
-        "moved": nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
-        "ranking": ranking(choice, why_not, bar=choice.bars.effect),
-        "nulls": model.answer.nulls,
-        "own": own_candidates(choice),
-        "learned": added.sensor.learned[len(known.learned) :],
-        "law": closed_law(added.learned) if added.learned else formula_of(model.repeats),
-        "repeats": tuple(one.repeat for one in model.repeats),
-    }
+    return FittedAnswer(replace(answer, choice=choice), added, repeats)
 
 
 @by_small_steps

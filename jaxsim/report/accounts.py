@@ -11,8 +11,8 @@ import numpy as np
 from markupsafe import Markup
 
 from jaxsim.discover.covariates import NAMED
-from jaxsim.discover.drawn import MAP_COLUMNS
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.show.pictures import MAP_COLUMNS
 from jaxsim.discover.verdict import (
     ClosedLaw,
     JudgeFrame,

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jaxsim.discover.model.evidence import Measured
-from jaxsim.discover.register import register
-from jaxsim.discover.register.registration import Registration
+from jaxsim.discover.read.motion import register
+from jaxsim.discover.read.registration import Registration
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 

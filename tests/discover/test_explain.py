@@ -1,8 +1,13 @@
 """What is said of the candidates that are not named, and what a reader must know."""
 
+import inspect
+from types import SimpleNamespace
+
 import numpy as np
 
-from jaxsim.discover.explain import named, unconfirmed_curves, why_not, without_classes
+from jaxsim.discover.explain import named, notes, why_not
+from jaxsim.discover.model.noise_levels import Levels
+from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.rules import RULES
 from tests.discover.name.made import candidate, problem, step
@@ -40,9 +45,17 @@ def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
     assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
 
 
+def told(*steps, semantic=None, **more):
+    """The notes of an answer on frames of which nothing else must be known."""
+    scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
+    comparison = SimpleNamespace(notes=(), scenes=("a", "b"), scan=scan)
+    division = SimpleNamespace(parts=SimpleNamespace(judge=("a",) * 5), simulator=SimpleNamespace(noise=Levels()))
+    return inspect.unwrap(notes)(comparison, division, Answer("named", Choice(steps, (), problem()), None, **more))
+
+
 def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
-    assert unconfirmed_curves(()) == ()
-    [note] = unconfirmed_curves(("intensity along range",))
+    assert told() == ()
+    [note] = told(unconfirmed=("intensity along range",))
     assert note.startswith("not confirmed on unseen scenes: intensity along range ")
     assert note.endswith("it is not added")
 
@@ -50,7 +63,7 @@ def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
 def test_a_fall_with_the_range_is_told_to_be_doubtful_where_no_class_tells_surfaces_apart():
     one_kind, classes = np.zeros((1, 2, 2), int), np.array([[[7, 7], [11, 0]]])
     fall, gain = step(candidate("atmospheric_extinction", 9)), step(candidate("beam_gain", 9))
-    [note] = without_classes(one_kind, Choice((gain, fall), (), problem()))
+    [note] = told(gain, fall, semantic=one_kind)
     assert note.startswith("atmospheric_extinction: the simulated frames tell no classes")
-    assert without_classes(classes, Choice((gain, fall), (), problem())) == ()
-    assert without_classes(one_kind, Choice((gain,), (), problem())) == ()
+    assert told(gain, fall, semantic=classes) == ()
+    assert told(gain, semantic=one_kind) == ()

@@ -14,7 +14,6 @@ from jaxsim.discover.gate import (
     check_distances,
     check_verdict,
     colour_of,
-    distance_of,
     frame_distances,
     quick_distances,
     read_gate,
@@ -51,7 +50,7 @@ def test_distances_are_the_plainest_means_over_scenes(tmp_path):
 def test_of_a_hundred_means_at_the_threshold_at_most_five_turn_red():
     """Scenes that scatter about the threshold itself, the hardest null: red where the whole interval lies above."""
     rng = np.random.default_rng(0)
-    red = [distance_of(rng.normal(0.1, 0.03, 8), "").low > 0.1 for _ in range(1000)]
+    red = [Interval.of_scenes(rng.normal(0.1, 0.03, 8), "").low > 0.1 for _ in range(1000)]
     assert np.mean(red) < 0.07
 
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxsim.discover import mounting
+from jaxsim.discover.division import NOTHING_YET, Division
 from jaxsim.discover.levels import compare_levels
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem
@@ -22,8 +23,8 @@ from jaxsim.discover.mounting import (
     registered_of,
     seen_from,
 )
-from jaxsim.discover.read import NOTHING_YET, Comparison, Division
-from jaxsim.discover.register.registration import LIFT, MOTION_PARTS
+from jaxsim.discover.read import Comparison
+from jaxsim.discover.read.registration import LIFT, MOTION_PARTS
 from jaxsim.discover.scenes import p_value, split_scenes
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS, all_rays

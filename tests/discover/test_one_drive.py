@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jaxsim.discover.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.one_drive import PIECES, OfPieces, ask_pieces, with_pieces, without_brightness
-from jaxsim.discover.read import NOTHING_YET, Comparison, Division
+from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.effect import CHANNELS
@@ -31,8 +32,8 @@ def drive(lose=None, scenes: tuple[str, ...] = ("drive",), frames: int = 12) -> 
     return replace(one, measured=measured, scenes=tuple(scenes[k % len(scenes)] for k in range(len(one.names))))
 
 
-def asked(of: Comparison, known=NOTHING_YET):
-    return ask_pieces(Division.of(of), ASKED, known=known, log=lambda line: None)
+def asked(of: Comparison):
+    return ask_pieces(NullModel.of(Division.of(of)), ASKED, log=lambda line: None)
 
 
 def hidden(azimuth, elevation, intensity):
@@ -65,7 +66,7 @@ def test_several_drives_and_few_frames_have_no_pieces(monkeypatch):
     def never(*args, **more):
         pytest.fail("asked")
 
-    monkeypatch.setattr("jaxsim.discover.one_drive.find_dependences", never)
+    monkeypatch.setattr("jaxsim.discover.one_drive.choose", never)
     assert not asked(drive(hidden, tuple(f"drive {k}" for k in range(12)))).effects
     assert not asked(drive(hidden, frames=RULES.fewest_scenes - 1)).effects
 

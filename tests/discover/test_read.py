@@ -1,4 +1,4 @@
-"""Two folders to a comparison, or a reason why not; blocks know their scene, and scenes are divided once."""
+"""Two folders to a comparison, or a reason why not."""
 
 import json
 from pathlib import Path
@@ -9,15 +9,10 @@ import pytest
 from benchmarks.blind.hidden.case import make_case
 from jaxsim.data.polar_frames import read_frame, write_frame, write_grid
 from jaxsim.discover import read
-from jaxsim.discover.read import Comparison, Division, read_comparison, read_part, same_surfaces
-from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.scan import scan_of
+from jaxsim.discover.read import read_comparison, read_part
 from jaxsim.frame import PolarGrid, PolarImage
-from tests.discover import rooms
-from tests.discover.toy import toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
-FRAMES = 12
 GRID = PolarGrid(
     np.linspace(1, -1, 12, dtype=np.float32), np.linspace(0, -0.3, 6, dtype=np.float32), np.zeros(6, np.float32)
 )
@@ -214,66 +209,3 @@ def test_frames_without_a_scene_are_told_and_more_so_where_they_are_consecutive(
     (note,) = found.notes
     assert "3 of 3 frames have no scene" in note
     assert ("0.1 s apart" in note and "Do not trust" in note) == told
-
-
-@pytest.fixture(scope="module")
-def division(standard_promotion):
-    scan, measured = toy(FRAMES)
-    names = tuple(f"frame {k}" for k in range(FRAMES))
-    return Division.of(Comparison(scan, measured, names, tuple(f"drive {k}" for k in range(FRAMES))))
-
-
-def test_find_and_judge_scenes_share_no_frame(division):
-    frames = []
-    for names in (division.parts.find, division.parts.judge):
-        ev, scene = division.evidence(names)
-        assert sorted(scene) == list(range(len(names)))
-        frames.append(set(np.unique(np.asarray(ev.rays.time_s)).tolist()))
-    assert not frames[0] & frames[1]
-    assert len(frames[0] | frames[1]) == FRAMES
-
-
-def test_all_evidence_has_the_find_scenes_first(division):
-    ev, scene = division.all_evidence()
-    find, _ = division.evidence(division.parts.find)
-    times = np.asarray(ev.rays.time_s)[:, 0, 0]
-    first = times[scene < len(division.parts.find)]
-    np.testing.assert_array_equal(first, np.asarray(find.rays.time_s)[:, 0, 0])
-
-
-def test_known_effects_are_in_place(division):
-    known = SensorModel((("random_dropout", {"probability": 0.25}),))
-    bare, _ = division.evidence(division.parts.find)
-    placed, _ = division.evidence(division.parts.find, known)
-    hit = np.asarray(bare.rays.hit)
-    lost = np.asarray(placed.rays.log_keep - bare.rays.log_keep)[hit]
-    np.testing.assert_allclose(lost, np.log(0.75), rtol=1e-5)
-
-
-def test_what_moved_is_seen_by_neither_side_and_a_lost_ray_stays_lost():
-    streets = rooms.rooms(2)
-    scan = scan_of(rooms.GRID, [rooms.seen(room) for room in streets])
-    measured = rooms.measured_of([rooms.seen(room) for room in streets])
-    moving = np.zeros(scan.hit.shape, bool)
-    moving[:, 4:12, 20:30] = True
-    measured.range_m[moving] -= 2
-    measured.valid[0, 15, 100] = False
-    one, other = same_surfaces(scan, measured)
-    assert not one.hit[moving].any()
-    assert not other.valid[moving].any()
-    assert one.hit[0, 15, 100]
-    assert not other.valid[0, 15, 100]
-    # A ray in a corner of the image has no two neighbours.
-    assert (~one.hit[~moving]).sum() == 2 * 4
-
-
-def test_the_share_of_lost_rays_is_that_of_all():
-    scan = scan_of(rooms.GRID, [rooms.seen(room) for room in rooms.rooms(6)])
-    measured = rooms.measured_of([rooms.seen(room) for room in rooms.rooms(6)])
-    lost = np.random.default_rng(0).random(scan.hit.shape) < 0.1
-    measured.range_m[:, 4:12, 20:60] -= 2
-    measured.valid[lost] = False
-    one, other = same_surfaces(scan, measured)
-    kept = np.asarray(one.hit)
-    share = 1 - np.asarray(other.valid)[kept].mean()
-    assert abs(share - 0.1) < 3 * np.sqrt(0.09 / kept.sum())

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.find import find_dependences
-from jaxsim.discover.read import Comparison, Division
+from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.read import Comparison
 from jaxsim.discover.show import WHY_NOT, gap_with, sensor_of, with_mounting, without_unconfirmed
 from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Named, Rank, Verdict
 from jaxsim.effects.chain import SensorModel
@@ -24,8 +24,8 @@ def shown(standard_promotion):
     scan, measured = toy(FRAMES)
     names = tuple(f"frame {k}" for k in range(FRAMES))
     division = Division.of(Comparison(scan, measured, names, names))
-    null = find_dependences(division).null
-    return gap_with(division, null, [], noise=null.noise)
+    null = NullModel.of(division)
+    return gap_with(null, [], null.problem.noise)
 
 
 def test_without_an_effect_the_gap_stays_and_there_is_no_closure(shown):

@@ -5,8 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsim.discover.verdict import EveryFrame, Gap, Interval, Named, OddFrame, Verdict
+from jaxsim.discover.verdict import EveryFrame, Gap, Interval, Named, OddFrame, Verdict, plain
 from tests.report import results
+
+
+def test_parts_become_plain_values_of_six_digits():
+    one = Interval(np.float64(1.23456789), -np.inf, 2.0, "m")
+    assert plain(one) == {"value": 1.23457, "low": None, "high": 2.0, "unit": "m"}
+    assert plain({"a": (one, np.nan), "b": np.float32(0.1), "c": "x", "d": True}) == {
+        "a": [plain(one), None],
+        "b": 0.1,
+        "c": "x",
+        "d": True,
+    }
 
 
 def test_vectors_become_lists_and_what_is_not_finite_null(tmp_path):

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, Heights, fixed_basis, values_of, with_columns
+from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, Heights, fixed_basis, values_along, with_columns
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit, in_place
 from jaxsim.discover.model.null import refit, refitted
 from jaxsim.discover.model.parameters import to_values, to_z
@@ -43,8 +43,7 @@ class Form:
     @classmethod
     def of(cls, problem: Problem, dependence: Dependence, curve: Candidate) -> Form:
         """The form of a free curve that was fitted to the problem's rays."""
-        rays = problem.ev.rays
-        x = values_of(dependence.covariate, rays, np.asarray(rays.hit)).astype(np.float64)
+        x = values_along(problem, dependence.covariate)
         knots = written_at(x, dependence.covariate)
         # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
         basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
@@ -126,9 +125,7 @@ def curve_form(
 
 def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Learned, Candidate]:
     """The product of two covariates' hat functions, fitted and judged like a free curve."""
-    rays = problem.ev.rays
-    hit = np.asarray(rays.hit)
-    x = [values_of(name, rays, hit).astype(np.float64) for name in names]
+    x = [values_along(problem, name) for name in names]
     knots = [np.unique(np.quantile(one, np.linspace(0, 1, RULES.interaction_knots))) for one in x]
     weights = [hats(one, at) for one, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex, Surfaces
 from jaxsim.discover.model.noise_levels import BINS, Levels, cosine_of, filled, lattices_of, noise_levels
-from jaxsim.discover.model.smooth import Smooth, smooth_frames, window_columns
+from jaxsim.discover.model.smooth import Smooth, Smoothing, smooth_frames
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.effects.scan import slopes_of
@@ -101,13 +101,7 @@ def meant(
     if noise.loss > 0:
         scan = filled(scan)
     if noise.range_m > 0 or noise.of_intensity:
-        smooth = smooth_frames(
-            scan,
-            half=window_columns(scan),
-            by_cosine=noise.follows_cosine,
-            range_sd_m=jnp.float32(noise.range_m),
-            intensity_sd=jnp.array([noise.intensity, noise.intensity_share], jnp.float32),
-        )
+        smooth = smooth_frames(scan, Smoothing.of(scan, noise))
         if noise.incidence_rad > 0:
             # Noise on angles would pass for a wrong cosine.
             scan = replace(scan, incidence_rad=smooth.incidence_rad)

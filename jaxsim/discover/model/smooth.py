@@ -8,7 +8,6 @@ first coefficient is the middle ray's own q.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +16,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import STEEPEST_COSINE
+from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.frame import Array
@@ -57,6 +57,33 @@ LINE_ROUNDS = 3
 
 
 @struct.dataclass
+class Smoothing:
+    """How frames are made smooth."""
+
+    range_sd_m: Float[Array, ""]
+    """Noise of the ranges."""
+    intensity_sd: Float[Array, " 2"]
+    """Noise of the intensities: the same for all, and as a share of them."""
+    half: int = struct.field(pytree_node=False)
+    """Columns to each side that a window has."""
+    by_cosine: bool = struct.field(pytree_node=False)
+    """Whether intensities are divided by the cosine of the incidence, for cylinders' sake."""
+
+    @classmethod
+    def of(cls, scan: Scan, noise: Levels) -> Smoothing:
+        """What frames of this noise need."""
+        # Steps as turns: the seam of a full turn is one step too, not a jump of 360 degrees.
+        azimuth = np.asarray(scan.grid.azimuth_rad, float)
+        step = float(np.median(np.abs(np.angle(np.exp(1j * np.diff(azimuth))))))
+        return cls(
+            range_sd_m=jnp.float32(noise.range_m),
+            intensity_sd=jnp.array([noise.intensity, noise.intensity_share], jnp.float32),
+            half=int(np.clip(round(REACH_RAD / max(step, 1e-6)), LEAST_HALF, MOST_HALF)),
+            by_cosine=noise.follows_cosine,
+        )
+
+
+@struct.dataclass
 class Window:
     """Each ray of a row with its neighbours, k of them, itself in the middle."""
 
@@ -85,14 +112,6 @@ class Window:
         return [*self.design, self.left**2, self.up**2]
 
 
-def window_columns(scan: Scan) -> int:
-    """Columns to each side that a window has."""
-    # Steps as turns: the seam of a full turn is one step too, not a jump of 360 degrees.
-    azimuth = np.asarray(scan.grid.azimuth_rad, float)
-    step = float(np.median(np.abs(np.angle(np.exp(1j * np.diff(azimuth))))))
-    return int(np.clip(round(REACH_RAD / max(step, 1e-6)), LEAST_HALF, MOST_HALF))
-
-
 def _neighbours(
     half: int, columns: int
 ) -> tuple[Int[np.ndarray, "k 1"], Int[np.ndarray, "k 1"], Int[np.ndarray, "k c"]]:
@@ -104,20 +123,12 @@ def _neighbours(
 
 
 def row_window(
-    scan: Scan,
-    frame: Int[Array, ""],
-    row: Int[Array, ""],
-    *,
-    half: int,
-    by_cosine: bool,
-    reach: Float[Array, ""],
-    intensity_sd: Float[Array, " 2"],
+    scan: Scan, frame: Int[Array, ""], row: Int[Array, ""], *, how: Smoothing, reach: Float[Array, ""]
 ) -> Window:
-    """The windows of a row of a frame, `half` columns and `reach` radians to each side; `by_cosine` divides
-    intensities by the cosine of the incidence. `intensity_sd` is their noise: the same for all, and as a share."""
+    """The windows of a row of a frame, `reach` radians to each side."""
     azimuth, elevation = scan.grid.azimuth_rad, scan.grid.elevation_rad
     rows, columns = len(elevation), len(azimuth)
-    up_by, left_by, column = _neighbours(half, columns)
+    up_by, left_by, column = _neighbours(how.half, columns)
     # A full turn goes on at its other end; a sector has nothing beyond its ends.
     beyond = jnp.asarray((column < 0) | (column >= columns)) & ~spans_turn(scan.grid)
     beyond = beyond | (row + up_by < 0) | (row + up_by >= rows)
@@ -138,13 +149,13 @@ def row_window(
     near = (jnp.abs(ratio - 1) < STEEPEST_SLOPE * jnp.abs(turn) + JUMP) | (jnp.abs(ratio - ground) < JUMP)
     alike = (there(scan.semantic) == own(scan.semantic)) & (there(scan.instance) == own(scan.instance))
     angle = there(scan.incidence_rad)
-    cosine = jnp.maximum(jnp.cos(angle), STEEPEST_COSINE) if by_cosine else jnp.ones_like(angle)
+    cosine = jnp.maximum(jnp.cos(angle), STEEPEST_COSINE) if how.by_cosine else jnp.ones_like(angle)
     level = there(scan.intensity) / cosine
     middle = len(left_by) // 2
     own_level, own_cosine = level[middle][None], cosine[middle][None]
     # A pane a hand's breadth behind its wall is told by what it reflects; ranges alone would mix the two.
-    constant = intensity_sd[0] ** 2 * (1 / cosine**2 + 1 / own_cosine**2)
-    noise = jnp.sqrt(constant + intensity_sd[1] ** 2 * (level**2 + own_level**2))
+    constant = how.intensity_sd[0] ** 2 * (1 / cosine**2 + 1 / own_cosine**2)
+    noise = jnp.sqrt(constant + how.intensity_sd[1] ** 2 * (level**2 + own_level**2))
     unlike = jnp.abs(level - own_level) > OTHER_MATERIAL * (level + own_level) / 2 + OTHER_MATERIAL_SD * noise
     # The neighbour's direction in axes of the ray itself, so that every window is solved alike.
     forward = jnp.cos(e) * jnp.cos(turn)
@@ -180,58 +191,36 @@ class Smooth:
     """Variance of the surface's level over that of one ray."""
 
 
-@partial(jax.jit, static_argnames=("half", "by_cosine"))
-def smooth_frames(
-    scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[Array, ""], intensity_sd: Float[Array, " 2"]
-) -> Smooth:
-    """Planes through 1 / range, the intensity (`by_cosine`: over the cosine, for cylinders' sake) and the incidence of
-    each ray's surface, within `half` columns and a few rows of it, weighted by Tukey's biweight of the ranges."""
+@jax.jit
+def smooth_frames(scan: Scan, how: Smoothing) -> Smooth:
+    """Planes through 1 / range, the intensity and the incidence of each ray's surface, within a few columns and rows of
+    it, weighted by Tukey's biweight of the ranges."""
     frames, rows, columns = scan.range_m.shape
-
-    def line(place: Int[Array, ""]) -> dict[str, Array]:
-        return _smooth_row(
-            scan,
-            *jnp.divmod(place, rows),
-            half=half,
-            by_cosine=by_cosine,
-            range_sd_m=range_sd_m,
-            intensity_sd=intensity_sd,
-        )
-
     # Row by row: the windows of a row stay in a processor's cache, those of a frame do not.
-    lines = jax.lax.map(line, jnp.arange(frames * rows))
+    lines = jax.lax.map(lambda place: _smooth_row(scan, *jnp.divmod(place, rows), how=how), jnp.arange(frames * rows))
     return Smooth(**{name: raster.reshape(frames, rows, columns) for name, raster in lines.items()})
 
 
-def _smooth_row(
-    scan: Scan,
-    frame: Int[Array, ""],
-    row: Int[Array, ""],
-    *,
-    half: int,
-    by_cosine: bool,
-    range_sd_m: Float[Array, ""],
-    intensity_sd: Float[Array, " 2"],
-) -> dict[str, Array]:
+def _smooth_row(scan: Scan, frame: Int[Array, ""], row: Int[Array, ""], *, how: Smoothing) -> dict[str, Array]:
     """The fields of `Smooth` for a row of a frame."""
-    reach = half * jnp.abs(scan.grid.azimuth_rad[0] - scan.grid.azimuth_rad[1])
-    window = row_window(scan, frame, row, half=half, by_cosine=by_cosine, reach=reach, intensity_sd=intensity_sd)
+    reach = how.half * jnp.abs(scan.grid.azimuth_rad[0] - scan.grid.azimuth_rad[1])
+    window = row_window(scan, frame, row, how=how, reach=reach)
     range_m, incidence_rad = scan.range_m[frame, row], scan.incidence_rad[frame, row]
     middle = window.ratio.shape[0] // 2
     own_q = 1 / jnp.maximum(range_m, 0.1)
-    weight, off = _weights(window, noise=range_sd_m * own_q)
+    weight, off = _weights(window, noise=how.range_sd_m * own_q)
     gram = _gram(window.bent, weight)
     of_ratio = gram.solve(_moments(window.bent, weight, window.ratio))
     of_angle = gram.solve(_moments(window.bent, weight, window.angle))
     range_leverage = gram.first_variance()
-    albedo, leverage = _levels(window, weight, intensity_sd)
+    albedo, leverage = _levels(window, weight, how.intensity_sd)
 
     trusted = (weight.sum(0) > FEWEST_BESIDE) & (leverage < MOST_LEVERAGE) & (of_ratio[0] > 0.5)
     misfit = jnp.sqrt((weight * off**2).sum(0) / jnp.maximum(weight.sum(0), 1e-6))
     plane = trusted & (weight[middle] > 0) & (range_leverage < MOST_RANGE_LEVERAGE)
     # Where many neighbours had to be left out, those that stayed may lie on two surfaces.
     plane = plane & (weight.mean(0) > LEAST_OF_NEIGHBOURS * window.same.mean(0))
-    plane = plane & (misfit < PLANE_MISFIT * jnp.maximum(range_sd_m * own_q, 1e-4))
+    plane = plane & (misfit < PLANE_MISFIT * jnp.maximum(how.range_sd_m * own_q, 1e-4))
     # The plane's normal is (1, u, v) by middle ray, left and up (effects.scan).
     u, v = of_ratio[1] / of_ratio[0] / reach, of_ratio[2] / of_ratio[0] / reach
     own_level = window.level[middle]

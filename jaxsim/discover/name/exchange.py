@@ -18,14 +18,15 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsim.discover.covariates import CURVES, Dependence, fixed_basis, values_of, with_columns
+from jaxsim.discover.covariates import CURVES, Dependence, fixed_basis, values_along, with_columns
+from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Fit, Problem, channels_of, fit, fit_noise
-from jaxsim.discover.model.null import fit_null, implied_level
+from jaxsim.discover.model.null import implied_level
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import FittedStep
-from jaxsim.discover.read import Comparison, Division
+from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
@@ -37,26 +38,25 @@ from jaxsim.effects.rays import Scan
 class Exchanged:
     """The null of the find scenes with the sides exchanged."""
 
-    division: Division
-    problem: Problem
+    null: NullModel
     fit: Fit
     channels: frozenset[str]
     """Channels of which the exchanged sides can be asked."""
 
     @classmethod
-    def of(cls, comparison: Comparison, division: Division, null: Problem) -> Exchanged:
-        """The comparison that `division` divides, with what was measured in the place of what was simulated; `null` is
-        that of the sides as they are. What else the sides differ by, known or found, is in neither place: it is left to
-        the nuisances."""
+    def of(cls, comparison: Comparison, null: NullModel) -> Exchanged:
+        """The comparison with what was measured in the place of what was simulated; `null` is that of the sides as they
+        are. What else the sides differ by, known or found, is in neither place: it is left to the nuisances."""
+        division = null.division
         turned = Division.of(exchange(comparison, division), chosen=division.blocks, parts=division.parts)
-        ev, _ = turned.evidence(turned.parts.find)
-        problem, _ = fit_null(turned.scan, ev, ev.all_blocks)
-        return cls(turned, problem, fit_noise(problem, ev.all_blocks), alike(division, null))
+        other = NullModel.of(turned)
+        noise = fit_noise(other.problem, other.problem.ev.all_blocks)
+        return cls(other, noise, alike(division, null.problem))
 
     def gain(self, effect: Law, values: dict[str, np.ndarray], problem: Problem | None = None) -> float:
         """Nats that the find scenes, none of which decides alone, gain by an effect with these values; `problem` is
         the null's, whose rays may carry a basis."""
-        problem = problem or self.problem
+        problem = problem or self.null.problem
         # The values stay as they are: only the noise is fitted to the exchanged sides.
         placed = fit(effect, problem, problem.ev.all_blocks, starts=(values,), fixed=True)
         used = [CHANNELS.index(name) for name in channels_of(effect) if name in self.channels]
@@ -77,15 +77,13 @@ class Exchanged:
         if along.channel not in self.channels:
             return False
         name = along.covariate
-        known = values_of(name, fitted_to.ev.rays, np.asarray(fitted_to.ev.rays.hit)).astype(np.float64)
+        known = values_along(fitted_to, name)
         fits = [np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits]
         height = fixed_basis(known, name) @ np.mean(fits, axis=0)
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
         order = np.argsort(known, kind="stable")
-        rays = self.problem.ev.rays
-        here = values_of(name, rays, np.asarray(rays.hit)).astype(np.float64)
-        column = np.interp(here, known[order], height[order])
-        problem = with_columns(self.problem, column[:, None].astype(np.float32))
+        column = np.interp(values_along(self.null.problem, name), known[order], height[order])
+        problem = with_columns(self.null.problem, column[:, None].astype(np.float32))
         effect = CURVES[along.change]
         one = np.zeros_like(fits[0])
         one[0] = 1.0

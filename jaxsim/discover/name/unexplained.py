@@ -21,7 +21,7 @@ from jaxsim.discover.covariates import (
     NAMED,
     Dependence,
     fixed_basis,
-    values_of,
+    values_along,
     with_basis,
 )
 from jaxsim.discover.model.fit import Problem
@@ -82,22 +82,18 @@ def sure(curve: Candidate) -> bool:
 
 def curve_numbers(problem: Problem, dependence: Dependence) -> int:
     """How many numbers a curve along this has: the columns of its basis that rays reach."""
-    rays = problem.ev.rays
-    x = values_of(dependence.covariate, rays, np.asarray(rays.hit)).astype(np.float64)
+    x = values_along(problem, dependence.covariate)
     return int(fixed_basis(x, dependence.covariate).any(0).sum())
 
 
 def _varies(problem: Problem, covariate: str) -> bool:
     """Whether a covariate has more than two values, so that a curve along it can bend."""
-    rays = problem.ev.rays
-    return len(np.unique(values_of(covariate, rays, np.asarray(rays.hit)))) > 2
+    return len(np.unique(values_along(problem, covariate))) > 2
 
 
 def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
     """The curve over its covariate, its character, and a closed formula that comes near it."""
-    rays = problem.ev.rays
-    hit = np.asarray(rays.hit)
-    x = values_of(dependence.covariate, rays, hit).astype(np.float64)
+    x = values_along(problem, dependence.covariate)
     heights = np.stack([np.asarray(to_values(candidate.effect, fit.z)["height"]) for fit in candidate.fits])
     grid = written_at(x, dependence.covariate)
     basis = fixed_basis(np.concatenate([x, grid]), dependence.covariate)[len(x) :]

@@ -7,22 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from jaxsim.discover.model.cast import cast
+from jaxsim.discover.division import AllScenes
 from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
 from jaxsim.discover.model.likelihood import log_likelihood
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import on_evidence
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, much_richer, worse
-from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.questions import Facts, arc, cells_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
-from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.places import spans_turn
 from jaxsim.effects.region import Region, within
 
@@ -51,12 +48,7 @@ def frames_in(region: Region, facts: Facts) -> Bool[np.ndarray, " f"]:
 
 
 def confine(
-    problem: Problem,
-    candidates: Sequence[Candidate],
-    region: Region,
-    *,
-    facts: Facts,
-    ranking: Sequence[Candidate],
+    problem: Problem, candidates: Sequence[Candidate], region: Region, *, facts: Facts, ranking: Sequence[Candidate]
 ) -> Confined | None:
     """The best of `candidates`, the one whose region it is first, fitted in the region on top of `problem`; None where
     the region gains too little over the effect everywhere. `ranking` is that of the step."""
@@ -89,7 +81,7 @@ def sharpened(region: Region, effect: Law, result: Fit, *, problem: Problem, fac
 
     Sectors are asked about in steps, and columns of a region that lie outside the effect's make it look smaller."""
     columns = facts.scan.range_m.shape[2]
-    whole = cells_of(effect, problem, z=result.z, noise=result.noise, sector=facts.column, sectors=columns)
+    whole = cells_of(effect, problem, result, sector=facts.column, sectors=columns)
     slope = whole.slope.sum(0)
     curvature = whole.curvature.sum(0)
     inside = np.asarray(region.in_sector(np.asarray(facts.scan.grid.azimuth_rad)))
@@ -117,39 +109,28 @@ def sharpened(region: Region, effect: Law, result: Fit, *, problem: Problem, fac
 class JudgeScenes:
     """All scenes with the null in place."""
 
+    scenes: AllScenes
     base: Problem
-    scene: Int[np.ndarray, " b"]
-    fitted: Float[np.ndarray, " b"]
-    """1 for the find scenes."""
-    frame: Int[np.ndarray, " b"]
-    made_of: tuple[Division, Problem, SensorModel] | None = None
-    """What `of` was given."""
+    """The null there."""
 
     @classmethod
-    def of(cls, division: Division, null: Problem, known: SensorModel) -> JudgeScenes:
-        """All find and judge scenes of a division."""
-        ev, scene = division.all_evidence(known)
-        fitted = (scene < len(division.parts.find)).astype(np.float32)
-        base = on_evidence(division.scan, ev, null, effects=[], noise=null.noise, fitted=fitted)
-        return cls(base, scene, fitted, division.blocks.frame, (division, null, known))
+    def of(cls, scenes: AllScenes) -> JudgeScenes:
+        """All scenes of a null model."""
+        return cls(scenes, scenes.with_effects())
 
     def halves(self) -> tuple[JudgeScenes, JudgeScenes]:
         """The same with every second column alone: even ones, and odd ones."""
         return self._every_second(0), self._every_second(1)
 
     def _every_second(self, first: int) -> JudgeScenes:
-        if self.made_of is None:
-            raise ValueError("judge scenes: only those that `of` makes of a division have columns to take")
-        division, null, known = self.made_of
+        division = self.scenes.division
         chosen = replace(division.blocks, column=division.blocks.column[:, first::2])
-        rays = cast(division.scan, chosen.frame, chosen.column)
-        return JudgeScenes.of(replace(division, blocks=chosen, rays=rays), null, known)
+        return JudgeScenes.of(AllScenes.of(self.scenes.null, division.looking_at(chosen)))
 
     def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
         """Each block's log-likelihood, nats, at the weights of the null."""
-        equations = self.base.equations
-        by_channel = log_likelihood(problem.ev, noise, equations=equations, fitted=self.fitted, clutter=problem.clutter)
-        return np.asarray(by_channel).sum(-1)
+        at = {"equations": self.base.equations, "fitted": self.scenes.fitted, "clutter": problem.clutter}
+        return np.asarray(log_likelihood(problem.ev, noise, **at)).sum(-1)
 
     def gained(self, one: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
         """The effect in its region, and what judge scenes gain with the choice `trial`, in which it acts there alone,
@@ -161,7 +142,7 @@ class JudgeScenes:
             choosing, asked = self.halves()
             one, trial = choosing._joined(one, trial, facts)
         # At the equations of one null, each with the noise that it leaves: what differs is the region alone.
-        judged = asked.fitted == 0
+        judged = asked.scenes.fitted == 0
         return one, float((asked._with(trial) - asked._with(choice))[judged].sum())
 
     def _with(self, choice: Choice) -> Float[np.ndarray, " b"]:
@@ -179,7 +160,8 @@ class JudgeScenes:
         """Takes in the judge scenes that are likelier with the effect than without it."""
         law = one.step.chosen.effect
         better = self.likelier_with(one.plain, one.step.fit)
-        names = {facts.names[k] for k in self.frame[(self.fitted == 0) & better].tolist()}
+        judged = self.scenes.fitted == 0
+        names = {facts.names[k] for k in self.scenes.division.blocks.frame[judged & better].tolist()}
         region = Region(scenes=tuple(sorted({*one.region.scenes, *names})))
         frames: Bool[np.ndarray, " f"] = np.isin(facts.names, region.scenes)
         wider = within(one.plain, region, frames)

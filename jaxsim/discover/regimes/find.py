@@ -11,19 +11,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.discover.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.fit import Fit, Problem, on_top
 from jaxsim.discover.name.answer import Answer, named_answer, outdone
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
-from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_discovery_rates, scenes_by_size
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
 from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells_of, questions
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Regime
 from jaxsim.effects import Law
-from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region, within
 from jaxsim.metrics.intervals import ratio_interval
 
@@ -31,17 +30,46 @@ OF_FIT = "of the fit inside"
 """Unit of sizes."""
 
 
+class Placed(NamedTuple):
+    """An effect in its region, with its sizes in units of the fit there."""
+
+    confined: Confined
+    inside: Interval
+    outside: Interval
+
+
+@dataclass(frozen=True)
+class Lead:
+    """A region to look at: of an effect that is named, or of candidates of which none is."""
+
+    finding: FoundRegion
+    candidates: tuple[Candidate, ...]
+    """The effect first, then those that may be the better name there."""
+    step: int | None
+    """The choice's step that it is, or takes the place of; None where nothing is named."""
+    fit: Fit | None = None
+    """The effect everywhere, where it was asked about by its cells."""
+    named: bool = False
+    """Whether the effect is that of the step."""
+    exists: bool = True
+    """Whether there is an effect at all, which naming has shown of those that it names."""
+    q_value: float = 1.0
+
+
 def sizes(one: Confined, facts: Facts) -> tuple[Interval, Interval]:
     """The effect's size inside, and beside it outside, in units of the fit inside; intervals from the scatter of
     scenes."""
-    result = one.step.fit
     law = one.step.chosen.effect
-    inside = cells_of(law, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
     # Outside is asked with the effect in place inside, where nothing is left to ask for.
     opposite = within(one.plain, one.region, one.frames, outside=True)
-    beside = replace(one.problem, ev=on_top(law, one.problem, result.z).ev)
-    outside = cells_of(opposite, beside, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
+    beside = replace(one.problem, ev=on_top(law, one.problem, one.step.fit.z).ev)
+    inside, outside = _cells(law, one.problem, one, facts=facts), _cells(opposite, beside, one, facts=facts)
     return _size(inside, facts), _size(outside, facts)
+
+
+def _cells(law: Law, problem: Problem, one: Confined, *, facts: Facts) -> Cells:
+    """The cells of a law with the numbers of the fit in the region."""
+    return cells_of(law, problem, one.step.fit, sector=facts.sector, sectors=facts.sectors)
 
 
 def _size(of: Cells, facts: Facts) -> Interval:
@@ -55,20 +83,10 @@ def _size(of: Cells, facts: Facts) -> Interval:
     return Interval(float(top.sum() / bottom.sum()), *ratio_interval(top, bottom), OF_FIT)
 
 
-class RegimeNumbers(NamedTuple):
-    """Numbers of a regime."""
-
-    inside: Interval
-    outside: Interval
-    p_value: float
-    q_value: float
-    judge_nats: float
-
-
-def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts) -> Regime:
+def regime_of(placed: Placed, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
-    result = one.step.fit
-    whole = cells_of(one.plain, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
+    one, divides = placed.confined, lead.finding.question.divides
+    whole = _cells(one.plain, one.problem, one, facts=facts)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
     columns = np.asarray(one.region.in_sector(azimuth))
     counted = False
@@ -90,7 +108,11 @@ def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts)
         divides=divides,
         where=one.region,
         share=float(one.frames.mean() * columns.mean()),
-        **told._asdict(),
+        inside=placed.inside,
+        outside=placed.outside,
+        p_value=lead.finding.p_value,
+        q_value=lead.q_value,
+        judge_nats=judge_nats,
         applied=one.region.acts,
         x=tuple(map(float, x)),
         sizes=tuple(map(float, size)),
@@ -118,44 +140,20 @@ class Divided:
         return {one.effect: one.where for one in self.regimes}
 
 
-@dataclass(frozen=True)
-class Lead:
-    """A region to look at: of an effect that is named, or of candidates of which none is."""
-
-    finding: FoundRegion
-    candidates: tuple[Candidate, ...]
-    """The effect first, then those that may be the better name there."""
-    step: int | None
-    """The choice's step that it is, or takes the place of; None where nothing is named."""
-    fit: Fit | None = None
-    """The effect everywhere, where it was asked about by its cells."""
-    named: bool = False
-    """Whether the effect is that of the step."""
-    exists: bool = True
-    """Whether there is an effect at all, which naming has shown of those that it names."""
-    q_value: float = 1.0
-
-
-def facts_of(division: Division, scenes: Sequence[str]) -> Facts:
-    """The facts of the find scenes' blocks; `scenes` are those of all frames."""
-    keep = np.array([scene in division.parts.find for scene in division.blocks.scene])
-    order = {name: k for k, name in enumerate(division.parts.find)}
-    scene = np.array([order[name] for name in division.blocks.scene if name in order])
-    return Facts(division.scan, tuple(scenes), division.blocks.frame[keep], scene, division.blocks.column[keep])
+def facts_of(division: Division) -> Facts:
+    """The facts of the find scenes' blocks."""
+    keep, scene = division.blocks_of(division.parts.find)
+    return Facts(division.scan, division.scenes, division.blocks.frame[keep], scene, division.blocks.column[keep])
 
 
 def find_regimes(
-    division: Division,
-    scenes: Sequence[str],
-    null: Problem,
-    *,
-    answer: Answer,
-    known: SensorModel,
-    log: Log = lambda line: None,
+    model: NullModel, answer: Answer, *, without: Sequence[str] = (), log: Log = lambda line: None
 ) -> Divided:
     """Asks of every named effect, or where none is named of the candidates, what divides it; those that act in a part
-    alone are fitted there, and take the place of the same effects everywhere. `scenes` are those of the frames."""
-    facts = facts_of(division, scenes)
+    alone are fitted there, and take the place of the same effects everywhere. Beside them no free curve is asked of the
+    channels `without`."""
+    null = model.problem
+    facts = facts_of(model.division)
     asked = questions(facts)
     choice = answer.choice
     regimes: list[Regime] = []
@@ -169,9 +167,11 @@ def find_regimes(
             if placed is None:
                 continue
             # They are dear to make, and mostly nobody asks them.
-            judge_scenes = judge_scenes or JudgeScenes.of(division, null, known)
+            judge_scenes = judge_scenes or JudgeScenes.of(AllScenes.of(model))
             trial = _with(null, choice, placed.confined.step, at=lead.step)
-            if lead.step is None and _outdone(answer, trial, null):
+            # The free curve for which nothing was named may explain clearly more than an effect in a part, too.
+            curve = answer.curve if lead.step is None else None
+            if curve and outdone(trial, *curve, numbers=curve_numbers(null, curve[0])):
                 continue
             confined, gained = judge_scenes.gained(placed.confined, trial, choice, facts=facts)
             if gained <= 0:
@@ -179,18 +179,13 @@ def find_regimes(
             log(f"{confined.plain.name} acts in a part alone: {confined.advantage:.0f} nats more than everywhere")
             # Judge scenes may have joined the region.
             choice = _with(null, choice, confined.step, at=lead.step)
-            told = RegimeNumbers(placed.inside, placed.outside, lead.finding.p_value, lead.q_value, gained)
-            regimes.append(regime_of(confined, lead.finding.question.divides, told, facts=facts))
+            regimes.append(regime_of(placed._replace(confined=confined), lead, gained, facts=facts))
     if not regimes:
         return Divided(answer)
-    named = named_answer(choice, scene=facts.scene, but=answer.both_show)
-    unchanged = {"nulls": answer.nulls, "both_show": answer.both_show, "mutual": answer.mutual}
-    return Divided(replace(named, **unchanged), tuple(regimes))
-
-
-def _outdone(answer: Answer, trial: Choice, null: Problem) -> bool:
-    """Whether the free curve for which nothing was named explains clearly more than an effect in a part, too."""
-    return answer.curve is not None and outdone(trial, *answer.curve, numbers=curve_numbers(null, answer.curve[0]))
+    named = named_answer(choice, scene=facts.scene, without=without, but=answer.both_show)
+    told = {name: getattr(named, name) for name in ("verdict", "choice", "unexplained", "curve")}
+    # What else the answer knows (nulls, what was found and is not said) holds of the parts as well.
+    return Divided(replace(answer, **told), tuple(regimes))
 
 
 def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
@@ -199,14 +194,6 @@ def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
     if lead.named and lead.step is not None:
         free = choice.steps[lead.step].chosen.effect.plain_name not in {one.effect for one in regimes}
     return free and lead.exists and lead.q_value <= RULES.regime_level
-
-
-class Placed(NamedTuple):
-    """An effect in its region, with its sizes."""
-
-    confined: Confined
-    inside: Interval
-    outside: Interval
 
 
 def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Placed | None:
@@ -220,7 +207,8 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
         # Gains of a step were those over the steps before it alone.
         again = {one.effect.name: one for one in rank_effects(problem, [one.effect for one in candidates])}
         candidates = tuple(again[one.effect.name] for one in candidates)
-    confined = confine(problem, candidates, region, facts=facts, ranking=_ranking(choice, lead.step))
+    ranking = choice.first_ranking if lead.step is None else choice.steps[lead.step].ranking
+    confined = confine(problem, candidates, region, facts=facts, ranking=ranking)
     if confined is None:
         return None
     chosen = confined.step.chosen
@@ -286,22 +274,16 @@ def _divisions(
     their own sizes."""
     # Even and odd columns apart: noise does not agree between them, what a scene shows does.
     halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
-    both = cells_of(effect, problem, z=result.z, noise=result.noise, sector=halves, sectors=2 * facts.sectors)
+    both = cells_of(effect, problem, result, sector=halves, sectors=2 * facts.sectors)
     by_size = scenes_by_size(both, facts)
     whole = both.folded()
     return [*(ask(question, whole, facts.scene) for question in asked), *([by_size] if by_size else [])]
 
 
-def _ranking(choice: Choice, step: int | None) -> Sequence[Candidate]:
-    return choice.first_ranking if step is None else choice.steps[step].ranking
-
-
 def _without(null: Problem, choice: Choice, step: int | None) -> Problem:
     """The null with all steps but one in place."""
     others = [one for k, one in enumerate(choice.steps) if k != step]
-    if not others:
-        return null
-    return with_steps(null, others)
+    return with_steps(null, others) if others else null
 
 
 def _with(null: Problem, choice: Choice, confined: FittedStep, *, at: int | None) -> Choice:

@@ -17,9 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.fit import Objective, Problem
+from jaxsim.discover.model.fit import Fit, Objective, Problem
 from jaxsim.discover.model.gradients import EffectGradient, Fields, effect_with_gradient
-from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law
 from jaxsim.effects.places import spans_turn
@@ -47,25 +46,17 @@ class Cells:
         return Cells(self.slope[:, ::2] + self.slope[:, 1::2], self.curvature[:, ::2] + self.curvature[:, 1::2])
 
 
-def cells_of(
-    effect: Law,
-    problem: Problem,
-    *,
-    z: dict[str, np.ndarray],
-    noise: Noise,
-    sector: Int[np.ndarray, "b c"],
-    sectors: int,
-) -> Cells:
-    """The cells of an effect, fitted as `z` on top of `problem`; `sector`, of so many, is that of blocks' columns."""
+def cells_of(effect: Law, problem: Problem, fitted: Fit, *, sector: Int[np.ndarray, "b c"], sectors: int) -> Cells:
+    """The cells of an effect that was fitted on top of `problem`; `sector`, of so many, is that of blocks' columns."""
     objective = Objective(effect, problem, problem.ev.all_blocks)
     neutral, _ = objective.restore(objective.first)
     before = effect_with_gradient(effect, neutral, objective.rays, scan=problem.scan)
-    after = effect_with_gradient(effect, z, objective.rays, scan=problem.scan)
+    after = effect_with_gradient(effect, fitted.z, objective.rays, scan=problem.scan)
     # Of rays that meet another surface there is no share.
     same = before.constant["hit"] == after.constant["hit"]
 
     def slope_at(state: EffectGradient) -> Float[np.ndarray, "b a"]:
-        by_fields = objective.gradient_at(state.fields, state.constant, noise).by_fields
+        by_fields = objective.gradient_at(state.fields, state.constant, fitted.noise).by_fields
         of_rays = _slope(by_fields, before.fields, after.fields, same=same)
         # In float64: cells are differences of sums over thousands of rays.
         total = np.zeros((len(sector), sectors))

@@ -9,24 +9,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool
 
 from jaxsim.discover.add import Added
+from jaxsim.discover.division import AllScenes, NullModel
 from jaxsim.discover.law.search import VARIABLES
-from jaxsim.discover.model.cast import blocks, cast
-from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import Chain, Problem, in_place
+from jaxsim.discover.model.cast import blocks
+from jaxsim.discover.model.fit import Chain, in_place
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import on_evidence, refitted
+from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.exchange import Exchanged
-from jaxsim.discover.read import NOTHING_YET, Division
 from jaxsim.discover.repeats.find import FoundPattern, find_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, learn_repeats, pattern_form
 from jaxsim.discover.repeats.maps import Maps, maps_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import ClosedLaw, Interval, Unexplained
-from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import CHANGE_UNITS, Learned
 from jaxsim.metrics.intervals import student_reach
 
@@ -35,29 +33,24 @@ from jaxsim.metrics.intervals import student_reach
 class Dense:
     """More columns of a comparison's frames than fits are given, of find and judge scenes."""
 
-    division: Division
-    null: Problem
-    """The null as it was fitted to the find scenes."""
-    ev: Evidence
-    scene: Int[np.ndarray, " b"]
+    scenes: AllScenes
     finding: Bool[np.ndarray, " n"]
     """Whether each scene is one to find with."""
 
     @classmethod
-    def of(cls, division: Division, scenes: Sequence[str], null: Problem, *, known: SensorModel) -> Dense:
-        """The columns with the `known` effects in place; `scenes` are those of the frames."""
-        rows, columns = division.scan.range_m.shape[1:]
-        chosen = blocks(scenes, rows, columns, rays=RULES.repeats_rays)
-        dense = replace(division, blocks=chosen, rays=cast(division.scan, chosen.frame, chosen.column))
-        ev, scene = dense.all_evidence(known)
-        finding = np.arange(len(dense.parts.find) + len(dense.parts.judge)) < len(dense.parts.find)
-        return cls(division, null, ev, scene, finding)
+    def of(cls, null: NullModel) -> Dense:
+        """The columns of a null model's frames."""
+        division = null.division
+        chosen = blocks(division.scenes, *division.scan.range_m.shape[1:], rays=RULES.repeats_rays)
+        find, judge = division.parts.find, division.parts.judge
+        finding = np.arange(len(find) + len(judge)) < len(find)
+        return cls(AllScenes.of(null, division.looking_at(chosen)), finding)
 
-    def maps(self, effects: Chain, noise: Noise) -> dict[str, Maps]:
-        """What is left with `effects` in place, which leave `noise`."""
-        fitted = self.finding[self.scene].astype(np.float32)
-        problem = on_evidence(self.division.scan, self.ev, self.null, effects=effects, noise=noise, fitted=fitted)
-        return maps_of(problem, fitted, self.scene, columns=self.division.scan.range_m.shape[2])
+    def maps(self, effects: Chain = (), noise: Noise | None = None) -> dict[str, Maps]:
+        """What is left with `effects` in place, which leave `noise` (by default the null's)."""
+        problem = self.scenes.with_effects(effects, noise)
+        columns = self.scenes.division.scan.range_m.shape[2]
+        return maps_of(problem, self.scenes.fitted, self.scenes.scene, columns=columns)
 
     def learn(self, patterns: Sequence[FoundPattern], effects: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
         """The laws of what was found on top of `effects`, which leave `noise`."""
@@ -65,35 +58,26 @@ class Dense:
         def maps_with(laws: Sequence[Learned]) -> Mapping[str, Maps]:
             chain = [*effects, *((as_law(law), {}) for law in laws)]
             # Laws in place leave less noise than there was.
-            return self.maps(chain, refitted(in_place(self.null, chain)).noise if laws else noise)
+            return self.maps(chain, refitted(in_place(null.problem, chain)).noise if laws else noise)
 
-        rows, columns = self.division.scan.range_m.shape[1:]
+        null = self.scenes.null
+        rows, columns = null.division.scan.range_m.shape[1:]
         return learn_repeats([pattern_form(one, rows, columns) for one in patterns], self.finding, maps_with)
 
 
-def examine(
-    division: Division,
-    scenes: Sequence[str],
-    null: Problem,
-    *,
-    chain: Chain,
-    noise: Noise,
-    known: SensorModel,
-) -> tuple[LearnedRepeat, ...]:
-    """What repeats in `division` with the effects of `chain`, which leave `noise`, and the `known` ones in place, each
-    pattern with the law that it makes. `scenes` are those of the frames."""
-    dense = Dense.of(division, scenes, null, known=known)
+def examine(null: NullModel, chain: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
+    """What repeats with the effects of `chain` in place, which leave `noise`, each pattern with the law that it
+    makes."""
+    dense = Dense.of(null)
     repeats = find_repeats(dense.maps(chain, noise), dense.finding, bins=RULES.repeats_bins)
     return dense.learn(repeats, chain, noise) if repeats else ()
 
 
 def one_sided(
-    repeats: Sequence[LearnedRepeat], exchanged: Exchanged, scenes: Sequence[str]
+    repeats: Sequence[LearnedRepeat], exchanged: Exchanged
 ) -> tuple[tuple[LearnedRepeat, ...], tuple[str, ...]]:
-    """The patterns that are not there with the sides exchanged as well, and the formulas of the others. `scenes` are
-    those of the frames."""
-    dense = Dense.of(exchanged.division, scenes, exchanged.problem, known=NOTHING_YET)
-    maps = dense.maps([], exchanged.problem.noise)
+    """The patterns that are not there with the sides exchanged as well, and the formulas of the others."""
+    maps = Dense.of(exchanged.null).maps()
     one_side, both = [], []
     for one in repeats:
         channel = one.repeat.channel

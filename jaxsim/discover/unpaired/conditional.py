@@ -33,9 +33,11 @@ from jaxsim.discover.unpaired.law import (
     Block,
     Equations,
     RandomEffects,
+    Solution,
     equations,
     freedom,
     lowered,
+    solve,
 )
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS
@@ -105,6 +107,14 @@ class Conditional:
     def weight(self) -> Float[np.ndarray, " s"]:
         """1 for scenes to find with, 0 for those to judge on."""
         return self.find.astype(float)
+
+    def solved(
+        self, blocks: Sequence[Block], eq: Equations | None = None, weight: Float[np.ndarray, " s"] | None = None
+    ) -> Solution:
+        """The nuisances and further `blocks` fitted to the find scenes, or to scenes of another `weight`, by other
+        equations where these are given."""
+        pooled = (eq or self.equations).pooled(self.weight if weight is None else weight, self.measured)
+        return solve(pooled, [self.nuisance, *blocks])
 
 
 def compare(

@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.discover.checks import all_or_none, check_no_copies, check_one_grid, plausible
 from jaxsim.discover.model.cast import BEND
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
+from jaxsim.discover.read.checks import all_or_none, check_no_copies, check_one_grid, plausible
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.places import rays_at
 from jaxsim.effects.rays import FLOOR, Rays, Scan

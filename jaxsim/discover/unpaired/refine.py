@@ -137,7 +137,7 @@ class JointFit:
     def loss(self, linear: LinearEffects) -> float:
         """The loss with the effects as they are, nats."""
         nuisance = self.problem.nuisance
-        solution = solve(linear.equations.pooled(self.problem.weight, self.problem.measured), [nuisance])
+        solution = self.problem.solved([], linear.equations)
         # Minus the log-posterior: half the residuals' squares, and the priors of nuisances and of z.
         data = linear.equations.losses(solution, self.problem.measured)[self.problem.find].sum()
         return float(data + 0.5 * nuisance.precision @ solution.side**2 + 0.5 * linear.block.precision @ linear.z**2)

@@ -202,11 +202,15 @@ def _described(problem: Conditional, curve: UnpairedCandidate) -> Unexplained:
     basis = curve.term.columns.columns
     scenes = np.flatnonzero(problem.find)
     rng = np.random.default_rng(0)
-    fits = [_heights(problem, curve, problem.weight)]
+
+    def heights(weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
+        return problem.solved([curve.term.block], weight=weight).side[len(problem.nuisance.columns) :]
+
+    fits = [heights(problem.weight)]
     # Scenes are drawn with replacement: rays of one scene are no independent witnesses.
     for _ in range(BAND_DRAWS - 1):
         drawn = rng.choice(scenes, len(scenes))
-        fits.append(_heights(problem, curve, np.bincount(drawn, minlength=len(problem.find)).astype(float)))
+        fits.append(heights(np.bincount(drawn, minlength=len(problem.find)).astype(float)))
     # A knot lies where its hat function is high.
     x = problem.comparison.covariates[name]
     knots = np.array([np.average(x, weights=basis[:, k] ** 4 + 1e-12) for k in range(basis.shape[1])])
@@ -217,11 +221,3 @@ def _described(problem: Conditional, curve: UnpairedCandidate) -> Unexplained:
     character, formula = shape_of(knots[order], y, basis.sum(0)[order], dependence=dependence)
     formula += " (x: ln of range in m)" if name == "range" else f" (x: {name})"
     return Unexplained("intensity", name, character, formula, tuple(knots[order]), tuple(y), tuple(band))
-
-
-def _heights(
-    problem: Conditional, curve: UnpairedCandidate, weight: Float[np.ndarray, " s"]
-) -> Float[np.ndarray, " k"]:
-    """The curve's coefficients in so weighted scenes."""
-    solution = solve(problem.equations.pooled(weight, problem.measured), [problem.nuisance, curve.term.block])
-    return solution.side[len(problem.nuisance.columns) :]

@@ -21,15 +21,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.devices import by_small_steps
-from jaxsim.discover.drawn import Bins, mean_on_grid
 from jaxsim.discover.explain import named, ranking
-from jaxsim.discover.gap import gap_of, share_of
 from jaxsim.discover.name.select import Log, Step, runner_up
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, split_scenes
+from jaxsim.discover.show.gap import gap_of, share_of
+from jaxsim.discover.show.pictures import Bins, GridSums
 from jaxsim.discover.unpaired.columns import INCIDENCE_SET, untold
 from jaxsim.discover.unpaired.conditional import Conditional, compare
-from jaxsim.discover.unpaired.law import Block, Equations, Solution, exchanged, solve
+from jaxsim.discover.unpaired.law import Block, Equations, exchanged
 from jaxsim.discover.unpaired.lost import lattices, lost_rays
 from jaxsim.discover.unpaired.read import PER_SCENE, UnpairedComparison, read_unpaired
 from jaxsim.discover.unpaired.refine import Refined, equations_without, refine
@@ -119,8 +119,7 @@ def unpaired_gap(problem: Conditional, steps: Sequence[Step[UnpairedCandidate]],
 
     def distance(eq: Equations, blocks: Sequence[Block] = ()) -> Float[np.ndarray, " j"]:
         """The root mean square error of each judge scene."""
-        solution = _solution(problem, eq, [problem.nuisance, *blocks])
-        loss = eq.losses(solution, problem.measured)[judged]
+        loss = eq.losses(problem.solved(blocks, eq), problem.measured)[judged]
         # Back from nats: the loss is half the squares over variance and inflation, of all rays of a scene.
         return np.sqrt(np.maximum(2 * loss * problem.inflation * problem.variance / rays, 0))
 
@@ -136,21 +135,14 @@ def unpaired_gap(problem: Conditional, steps: Sequence[Step[UnpairedCandidate]],
     old = _residual(problem, plain, 0.0)
     new = _residual(problem, added, refined.change)
     keep = np.isin(comparison.scene, judged)
-    shape = (comparison.rows, len(np.asarray(comparison.grid.azimuth_rad)))
-    row = problem.rays.row[keep]
-    column = problem.rays.column[keep]
-    maps = [{"intensity": mean_on_grid(off[keep], row, column, shape=shape)} for off in (old, new)]
+    cells = problem.rays.row[keep], problem.rays.column[keep]
+    maps = [{"intensity": GridSums.of(off[keep], cells, comparison.grid).mean()} for off in (old, new)]
     return Judged({"intensity": gap}, closure, maps[0], maps[1], _curves(problem, steps, old, after=new, keep=keep))
-
-
-def _solution(problem: Conditional, eq: Equations, blocks: Sequence[Block]) -> Solution:
-    """Blocks fitted to the find scenes."""
-    return solve(eq.pooled(problem.weight, problem.measured), blocks)
 
 
 def _residual(problem: Conditional, eq: Equations, change: Float[np.ndarray, " n"] | float) -> Float[np.ndarray, " n"]:
     """Measured minus law and nuisances (and the change by effects), less the mean of each scene."""
-    solution = _solution(problem, eq, [problem.nuisance])
+    solution = problem.solved([], eq)
     expected = problem.law @ solution.law + problem.side[:, problem.nuisance.columns] @ solution.side
     off = problem.y - expected - change
     scene = problem.comparison.scene

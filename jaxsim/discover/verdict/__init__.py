@@ -33,10 +33,10 @@ from jaxsim.discover.verdict.parts import (
     Sensitivity,
     Unexplained,
     Where,
-    plain,
 )
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
+from jaxsim.effects.region import Region
 from jaxsim.files import write_text
 from jaxsim.frame import PolarGrid, in_notebook
 
@@ -182,6 +182,25 @@ class Verdict:
     def save(self, folder: Path) -> Path:
         """Writes verdict.json."""
         return write_text(Path(folder) / "verdict.json", json.dumps(self.to_json(), indent=1))
+
+
+def plain(value: Any) -> Any:
+    """A part of a verdict as JSON has it: six digits, and null for what is not finite."""
+    if isinstance(value, Region):
+        return value.to_json()
+    if hasattr(value, "__dataclass_fields__"):
+        return {name: plain(getattr(value, name)) for name in value.__dataclass_fields__}
+    if isinstance(value, dict):
+        return {name: plain(one) for name, one in value.items()}
+    if isinstance(value, tuple) and value and all(isinstance(one, Interval) for one in value):
+        # A vector: one list for each part of its intervals.
+        parts = {name: [plain(getattr(one, name)) for one in value] for name in ("value", "low", "high")}
+        return {**parts, "unit": value[0].unit}
+    if isinstance(value, (list, tuple)):
+        return [plain(one) for one in value]
+    if isinstance(value, (np.floating, float)):
+        return float(f"{float(value):.6g}") if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ show.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
@@ -14,6 +13,7 @@ from jaxtyping import Bool, Float, Int, Real
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.origin import LookAlike
 from jaxsim.effects.region import Region
+from jaxsim.metrics.intervals import mean_interval
 
 
 @dataclass(frozen=True)
@@ -25,24 +25,17 @@ class Interval:
     high: float
     unit: str
 
-
-def plain(value: Any) -> Any:
-    """A part of a verdict as JSON has it: six digits, and null for what is not finite."""
-    if isinstance(value, Region):
-        return value.to_json()
-    if hasattr(value, "__dataclass_fields__"):
-        return {name: plain(getattr(value, name)) for name in value.__dataclass_fields__}
-    if isinstance(value, dict):
-        return {name: plain(one) for name, one in value.items()}
-    if isinstance(value, tuple) and value and all(isinstance(one, Interval) for one in value):
-        # A vector: one list for each part of its intervals.
-        parts = {name: [plain(getattr(one, name)) for one in value] for name in ("value", "low", "high")}
-        return {**parts, "unit": value[0].unit}
-    if isinstance(value, (list, tuple)):
-        return [plain(one) for one in value]
-    if isinstance(value, (np.floating, float)):
-        return float(f"{float(value):.6g}") if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    @classmethod
+    def of_scenes(
+        cls, values: Float[np.ndarray, " s"], unit: str, *, fewest: int = 1, least: float = -np.inf
+    ) -> Interval:
+        """The mean of the scenes that have a value, by their scatter: NaN where fewer than `fewest` have one. It ends
+        at `least` where nothing can be below that."""
+        known = values[np.isfinite(values)]
+        if len(known) < fewest:
+            return cls(np.nan, np.nan, np.nan, unit)
+        low, high = mean_interval(known)
+        return cls(float(known.mean()), max(low, least), high, unit)
 
 
 @dataclass(frozen=True)

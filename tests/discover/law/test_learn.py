@@ -8,6 +8,7 @@ import pytest
 
 from jaxsim.discover.add import Added, add_effects
 from jaxsim.discover.covariates import CURVES, Dependence, with_basis
+from jaxsim.discover.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.law.learn import Form, curve_form
 from jaxsim.discover.law.search import closed_law
@@ -15,7 +16,7 @@ from jaxsim.discover.model.fit import fit_noise, in_place
 from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.unexplained import describe_curve, free_curves
-from jaxsim.discover.read import NOTHING_YET, Comparison, Division
+from jaxsim.discover.read import Comparison
 from jaxsim.discover.scenes import fold_half_width, jackknife_sd
 from jaxsim.discover.show import gap_with, law_gains
 from jaxsim.effects.chain import SensorModel
@@ -43,8 +44,13 @@ def division(standard_promotion):
 
 
 @pytest.fixture(scope="module")
-def null(division):
-    return find_dependences(division).null
+def model(division):
+    return NullModel.of(division)
+
+
+@pytest.fixture(scope="module")
+def null(model):
+    return model.problem
 
 
 @pytest.fixture(scope="module")
@@ -70,9 +76,9 @@ def test_the_law_is_what_was_hidden_within_its_band(added):
     assert added.sensor == SensorModel(learned=(law,))
 
 
-def test_unseen_scenes_gain_by_it_and_not_by_its_opposite(division, null, added):
+def test_unseen_scenes_gain_by_it_and_not_by_its_opposite(model, null, added):
     def gains(added):
-        return law_gains(division, null, before=null, effects=[], added=added, known=NOTHING_YET)
+        return law_gains(model, added, before=null, effects=[])
 
     assert gains(added)
     [law] = added.law_refits
@@ -89,16 +95,16 @@ def test_its_formula_is_a_sine_of_its_period(added):
     assert law.covariates == ("azimuth",)
 
 
-def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(division, null, added):
+def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(division, model, null, added):
     noise = refitted(in_place(null, added.chain)).noise
-    shown = gap_with(division, null, added.chain, noise=noise)
+    shown = gap_with(model, added.chain, noise)
     gap = shown.gap["intensity"]
     assert gap.gained
     assert gap.gained.low > 0
     assert gap.after < gap.before
     again = find_dependences(division, added.sensor)
     before = fit_noise(null, null.ev.all_blocks).loss
-    after = fit_noise(again.null, again.null.ev.all_blocks).loss
+    after = fit_noise(again.null.problem, again.null.problem.ev.all_blocks).loss
     assert after < before - 50
     assert not [one for one in again.where if one.covariate == "azimuth" and one.channel == "intensity"]
 
@@ -156,7 +162,7 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
     shape = np.sin(np.asarray(scan.grid.azimuth_rad)) * np.asarray(scan.speed_mps)[:, None, None]
     light = np.clip(measured.intensity * np.exp(0.03 * shape), 0, 1).astype(np.float32)
     names = tuple(f"frame {k}" for k in range(FRAMES))
-    null = find_dependences(Division.of(Comparison(scan, replace(measured, intensity=light), names, names))).null
+    null = NullModel.of(Division.of(Comparison(scan, replace(measured, intensity=light), names, names))).problem
     dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
     [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
     assert curve_form(null, dependence, curve).bare.kind == "periodic"

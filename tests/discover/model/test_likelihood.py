@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from jaxsim.discover.gap import distance
 from jaxsim.discover.model.gradients import CONSTANT, DIFFERENTIATED, value_and_gradient
 from jaxsim.discover.model.likelihood import intensity_terms, log_below, return_terms, rounded, rounding_gain
 from jaxsim.discover.model.noise import START
 from jaxsim.discover.model.random_effects import normal_equations
+from jaxsim.discover.show.gap import distance
 from jaxsim.effects.effect import CHANNELS
 from tests.discover.toy import judged_toy
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from jaxsim.discover.division import Division
 from jaxsim.discover.model.simulator import filled, meant, reliability, trend
-from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES
 from tests.discover.noisy_street import comparison, scan, sensed
 

@@ -2,7 +2,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsim.discover.model.smooth import smooth_frames, window_columns
+from jaxsim.discover.model.noise_levels import Levels
+from jaxsim.discover.model.smooth import Smoothing, smooth_frames
 from tests.discover.noisy_street import scan
 
 RANGE_SD_M = 0.02
@@ -10,14 +11,13 @@ RANGE_SD_M = 0.02
 
 def smoothed(noise, frames=2):
     frames_, truth = scan(noise, frames)
-    sd = jnp.array([noise.get("constant", 0.0), noise.get("share", 0.0)], jnp.float32)
-    smooth = smooth_frames(
-        frames_,
-        half=window_columns(frames_),
-        by_cosine=True,
-        range_sd_m=jnp.float32(noise.get("range_m", 0)),
-        intensity_sd=sd,
+    levels = Levels(
+        range_m=noise.get("range_m", 0.0),
+        intensity=noise.get("constant", 0.0),
+        intensity_share=noise.get("share", 0.0),
+        follows_cosine=True,
     )
+    smooth = smooth_frames(frames_, Smoothing.of(frames_, levels))
     return frames_, jax.tree.map(np.asarray, smooth), {k: np.stack([t[k] for t in truth]) for k in truth[0]}
 
 
@@ -63,9 +63,8 @@ def test_a_ray_alone_is_not_trusted_and_stays():
     lone = np.zeros(frames_.hit.shape, bool)
     lone[0, ::6, ::40] = True
     frames_ = frames_.replace(hit=frames_.hit & lone)
-    smooth = smooth_frames(
-        frames_, half=4, by_cosine=True, range_sd_m=jnp.float32(RANGE_SD_M), intensity_sd=jnp.zeros(2, jnp.float32)
-    )
+    how = Smoothing(jnp.float32(RANGE_SD_M), jnp.zeros(2, jnp.float32), half=4, by_cosine=True)
+    smooth = smooth_frames(frames_, how)
     assert not np.asarray(smooth.trusted).any()
     np.testing.assert_array_equal(np.asarray(smooth.range_m)[lone], np.asarray(frames_.range_m)[lone])
 
@@ -93,7 +92,7 @@ def test_panes_behind_a_wall_are_not_mixed_with_it_where_no_class_tells_them():
             instance=jnp.zeros(shape, jnp.int32),
         )
         sd = jnp.array([0.0, 0.05], jnp.float32)
-        smooth = smooth_frames(bare, half=10, by_cosine=False, range_sd_m=jnp.float32(RANGE_SD_M), intensity_sd=sd)
+        smooth = smooth_frames(bare, Smoothing(jnp.float32(RANGE_SD_M), sd, half=10, by_cosine=False))
         moved = (np.asarray(smooth.range_leverage) < 1) & (true > 0)
         errors.append(np.where(moved, np.asarray(smooth.range_m) - true, np.nan))
     error = np.stack(errors)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from jaxsim.discover import discover
-from jaxsim.discover.find import find_dependences
+from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.exchange import Exchanged, alike
 from jaxsim.discover.name.select import fitted_step
-from jaxsim.discover.read import Comparison, Division
+from jaxsim.discover.read import Comparison
 from jaxsim.effects import get_effect, scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarImage
@@ -57,11 +57,10 @@ def sides(*, mixed=(0.15, 0.15), loss=NOISE["loss"], own=0.0) -> Comparison:
 
 def asked(comparison, name):
     """Whether the exchanged sides have an effect that was fitted, and its step."""
-    division = Division.of(comparison)
-    null = find_dependences(division).null
-    [best] = rank_effects(null, [get_effect(name)])
-    step = fitted_step(null, best, ranking=[best], good=[best])
-    return Exchanged.of(comparison, division, null), step
+    null = NullModel.of(Division.of(comparison))
+    [best] = rank_effects(null.problem, [get_effect(name)])
+    step = fitted_step(null.problem, best, ranking=[best], good=[best])
+    return Exchanged.of(comparison, null), step
 
 
 def test_edges_that_both_sides_mix_are_nothing_that_one_lacks():
@@ -97,4 +96,4 @@ def test_rays_that_the_sensor_alone_loses_are_its_own():
 @pytest.mark.parametrize(("own", "channels"), [(0.0, {"range", "drop", "intensity"}), (0.4, {"range", "drop"})])
 def test_intensities_are_asked_only_where_both_sides_know_how_bright_surfaces_are(own, channels):
     division = Division.of(sides(own=own))
-    assert alike(division, find_dependences(division).null) == channels
+    assert alike(division, NullModel.of(division).problem) == channels

@@ -34,7 +34,7 @@ def night(standard_promotion):
 def asked(null, facts):
     """The best region of every question, of beam gains fitted to all frames; by what divides."""
     one = fit(GAIN, null, EVERYONE)
-    of = cells_of(GAIN, null, z=one.z, noise=one.noise, sector=facts.sector, sectors=facts.sectors)
+    of = cells_of(GAIN, null, one, sector=facts.sector, sectors=facts.sectors)
     found = [ask(q, of, facts.scene) for q in questions(facts)]
     # Moments are asked about twice, from one on and between two: the clearer answer comes last and stays.
     found.sort(key=lambda one: -one.p_value)
@@ -104,7 +104,7 @@ def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
     null, facts = halves(some)
     one = fit(GAIN, null, EVERYONE)
     halved = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
-    of = cells_of(GAIN, null, z=one.z, noise=one.noise, sector=halved, sectors=2 * facts.sectors)
+    of = cells_of(GAIN, null, one, sector=halved, sectors=2 * facts.sectors)
     found = scenes_by_size(of, facts)
     assert found is not None
     assert found.p_value < 0.02
@@ -128,7 +128,7 @@ def test_what_judge_scenes_are_held_to_does_not_rest_on_what_they_report(standar
     null, _ = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), fitted)
     law = EFFECTS["range_walk"]
     result = replace(fit(law, null, fitted, steps=1), z=to_z(law, walk, 16), noise=null.noise)
-    judge = JudgeScenes(null, frame, fitted, frame)
+    judge = JudgeScenes(SimpleNamespace(fitted=fitted), null)
     np.testing.assert_array_equal(judge.likelier_with(law, result)[6:], apart[6:])
 
 
@@ -138,7 +138,8 @@ def test_judge_scenes_join_by_half_of_their_columns_and_the_other_half_says_what
     joined, before = SimpleNamespace(), SimpleNamespace()
     nats = {id(joined): np.array([9.0, -2.0, -1.0]), id(before): np.array([0.0, 0.5, 0.5])}
     choosing = SimpleNamespace(_joined=lambda *_: (wider, joined))
-    asked = SimpleNamespace(fitted=np.array([1.0, 0.0, 0.0]), _with=lambda choice: nats[id(choice)])
+    scenes = SimpleNamespace(fitted=np.array([1.0, 0.0, 0.0]))
+    asked = SimpleNamespace(scenes=scenes, _with=lambda choice: nats[id(choice)])
     monkeypatch.setattr(JudgeScenes, "halves", lambda self: (choosing, asked))
     judge = object.__new__(JudgeScenes)
     gained = inspect.unwrap(JudgeScenes.gained)

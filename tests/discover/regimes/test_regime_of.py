@@ -1,18 +1,24 @@
-"""A regime as the verdict holds it: what its places are."""
+"""A regime as the verdict holds it: what its places are; and what an answer with one keeps."""
 
+import inspect
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.select import Choice
 from jaxsim.discover.regimes import find
+from jaxsim.discover.regimes.chance import FoundRegion
 from jaxsim.discover.regimes.confine import Confined
-from jaxsim.discover.regimes.find import OF_FIT, RegimeNumbers, regime_of
-from jaxsim.discover.regimes.questions import Cells, Facts
+from jaxsim.discover.regimes.find import OF_FIT, Lead, Placed, find_regimes, regime_of
+from jaxsim.discover.regimes.questions import Cells, Facts, Question
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects.region import Region
 from tests.discover.name.made import candidate, problem, step
 from tests.discover.toy import toy
+from tests.report.made_regimes import regime
 
 FRAMES = 6
 
@@ -29,6 +35,42 @@ def test_scenes_are_counted_only_where_frames_say_no_moment_of_their_own(monkeyp
     chosen = candidate("beam_gain", 4.0)
     late = Confined(step(chosen), chosen.effect, Region(time_s=(2.5, None)), frame > 2, problem(), 20.0)
     size = Interval(1.0, 0.9, 1.1, OF_FIT)
-    told = regime_of(late, "time", RegimeNumbers(size, size, 0.001, 0.01, 20.0), facts=facts)
+    question = Question("time", (late.region,), np.ones((1, FRAMES, 1), bool))
+    lead = Lead(FoundRegion(question, 0, 0.001), (chosen,), 0, q_value=0.01)
+    told = regime_of(Placed(late, size, size), lead, 20.0, facts=facts)
+    assert (told.p_value, told.q_value, told.judge_nats) == (0.001, 0.01, 20.0)
     assert told.x == tuple(range(FRAMES))
     assert told.counted == counted
+
+
+def test_an_answer_with_a_regime_keeps_what_was_found_and_not_said_and_asks_no_channel_that_was_left_out(monkeypatch):
+    chosen = candidate("beam_gain", 40.0)
+    choice = Choice((step(chosen),), (), problem())
+    lead = Lead(FoundRegion(SimpleNamespace(divides="time"), 0, 0.001), (chosen,), 0, named=True, q_value=0.01)
+    confined = SimpleNamespace(step=choice.steps[0], plain=chosen.effect, advantage=20.0)
+    asked = {}
+
+    def named_answer(choice, **more):
+        asked.update(more)
+        return Answer("named", choice, None)
+
+    judge = SimpleNamespace(gained=lambda *given, facts: (confined, 5.0))
+    for name, stub in {
+        "facts_of": lambda division: SimpleNamespace(scene=np.arange(3)),
+        "questions": lambda facts: [],
+        "_of_named": lambda *given, **more: [lead],
+        "_of_candidates": lambda *given, **more: [],
+        "_placed": lambda *given, **more: Placed(confined, *[Interval(1.0, 0.9, 1.1, OF_FIT)] * 2),
+        "_with": lambda null, choice, *given, **more: choice,
+        "regime_of": lambda *given, **more: regime(Region(time_s=(2.5, None))),
+        "AllScenes": SimpleNamespace(of=lambda model: None),
+        "JudgeScenes": SimpleNamespace(of=lambda scenes: judge),
+        "named_answer": named_answer,
+    }.items():
+        monkeypatch.setattr(find, name, stub)
+    given = Answer("named", choice, None, mutual=("fog_backscatter",), unfounded=("range_noise",))
+    model = SimpleNamespace(problem=None, division=None)
+    divided = inspect.unwrap(find_regimes)(model, given, without=("intensity",))
+    assert len(divided.regimes) == 1
+    assert (divided.answer.mutual, divided.answer.unfounded) == (("fog_backscatter",), ("range_noise",))
+    assert asked["without"] == ("intensity",)

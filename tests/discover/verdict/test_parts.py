@@ -1,16 +1,19 @@
-"""Parts of a verdict as JSON has them."""
+"""Parts of a verdict."""
 
 import numpy as np
+import pytest
 
-from jaxsim.discover.verdict.parts import Interval, plain
+from jaxsim.discover.verdict.parts import Interval
+from jaxsim.metrics.intervals import mean_interval
 
 
-def test_parts_become_plain_values_of_six_digits():
-    one = Interval(np.float64(1.23456789), -np.inf, 2.0, "m")
-    assert plain(one) == {"value": 1.23457, "low": None, "high": 2.0, "unit": "m"}
-    assert plain({"a": (one, np.nan), "b": np.float32(0.1), "c": "x", "d": True}) == {
-        "a": [plain(one), None],
-        "b": 0.1,
-        "c": "x",
-        "d": True,
-    }
+def test_a_mean_of_scenes_counts_those_that_have_a_value():
+    known = np.array([1.0, 2.0, 4.0])
+    one = Interval.of_scenes(np.array([1.0, np.nan, 2.0, np.inf, 4.0]), "m")
+    assert (one.value, one.unit) == (pytest.approx(7 / 3), "m")
+    assert (one.low, one.high) == mean_interval(known)
+    assert Interval.of_scenes(known, "m", least=1.5).low == 1.5
+    assert np.isnan(Interval.of_scenes(known, "m", fewest=4).value)
+    alone = Interval.of_scenes(known[:1], "m")
+    assert alone.value == 1.0
+    assert np.isnan([alone.low, alone.high]).all()

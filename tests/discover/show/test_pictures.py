@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.drawn import Bins, residual_curves, residual_maps
+from jaxsim.discover.show.pictures import Bins, residual_curves, residual_maps
 from jaxsim.effects import get_effect
 from tests.discover.toy import judged_toy
 

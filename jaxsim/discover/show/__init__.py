@@ -1,5 +1,9 @@
 """Show: what judge scenes say of the effects that were added, for nothing was fitted to them; an answer is one only if
 they gain by it.
+
+    gap              how far simulation and measurement are apart, before and after
+    pictures         what a report draws of judge scenes
+    every_frame      the same of all frames that were not read, block by block
 """
 
 from __future__ import annotations
@@ -13,17 +17,18 @@ import numpy as np
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added
 from jaxsim.discover.covariates import COVARIATES
-from jaxsim.discover.drawn import joined, rays_of, residual_curves, residual_maps, whole_frames
-from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps
+from jaxsim.discover.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Problem, fit, in_place
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import fit_null, on_evidence, refit, refitted, reweighted
+from jaxsim.discover.model.null import fit_null, refit, refitted, reweighted
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, runner_up
-from jaxsim.discover.read import NOTHING_YET, Comparison, Division
+from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.show.gap import Distance, additive_floor, closure, distance, gaps
+from jaxsim.discover.show.pictures import joined, rays_of, residual_curves, residual_maps, whole_frames
 from jaxsim.discover.verdict import CurveLine, Gap, Interval, Judged, JudgeFrame, Named, Verdict
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
@@ -32,42 +37,30 @@ from jaxsim.effects.effect import CHANNELS
 WHY_NOT = "scenes that it was not fitted to do not gain by it"
 
 
-def show_gap(division: Division, null: Problem, choice: Choice, *, added: Added, known: SensorModel) -> Judged:
+def show_gap(null: NullModel, choice: Choice, added: Added) -> Judged:
     """The gap before and after the effects were added, beside a placebo: the runner-up, added in their place."""
     rival = runner_up(choice.steps)
-    placebo = placebo_of(null, rival) if rival else None
-    return gap_with(division, null, added.chain, noise=choice.problem.noise, placebo=placebo, known=known)
+    placebo = placebo_of(null.problem, rival) if rival else None
+    return gap_with(null, added.chain, choice.problem.noise, placebo=placebo)
 
 
-def gap_with(
-    division: Division,
-    null: Problem,
-    chain: Chain,
-    *,
-    noise: Noise,
-    placebo: tuple[Chain, Noise] | None = None,
-    known: SensorModel = NOTHING_YET,
-) -> Judged:
-    """The gap with the effects of `chain` in place, which leave `noise`, beside the `known` ones; `placebo` is another
-    chain with its own noise. Nuisances that scenes share come from the find scenes."""
-    ev, scene = division.all_evidence(known)
-    judged = scene >= len(division.parts.find)
-    fitted = (~judged).astype(np.float32)
-
-    def with_effects(effects: Chain, noise: Noise) -> Problem:
-        return on_evidence(division.scan, ev, null, effects=effects, noise=noise, fitted=fitted)
-
+def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chain, Noise] | None = None) -> Judged:
+    """The gap with the effects of `chain` in place, which leave `noise`; `placebo` is another chain with its own noise.
+    Nuisances that scenes share come from the find scenes."""
+    every = AllScenes.of(null)
+    fitted, scene = every.fitted, every.scene
     # Effects leave less noise than the null has: each side is judged with its own.
-    before = with_effects([], null.noise)
-    after = with_effects(chain, noise)
-    instead = with_effects(*placebo) if placebo else before
+    before = every.with_effects()
+    after = every.with_effects(chain, noise)
+    instead = every.with_effects(*placebo) if placebo else before
     # The floor's curves are learned on the find scenes; the noise that they leave there is fitted beside them.
     covariates = {name for effect, _ in chain for name in effect.covariates} or set(COVARIATES)
     curves = additive_floor(before, fitted, sorted(covariates))
     # The null's evidence is that of the find scenes, all of whose blocks are fitted.
     find_alone = np.ones(int(fitted.sum()), np.float32)
-    curved, _ = fit_null(division.scan, curves.on(null.ev, fitted > 0), find_alone, clutter=null.clutter)
-    free = reweighted(replace(before, ev=curves.on(ev), noise=curved.noise), fitted)
+    seen = curves.on(null.problem.ev, fitted > 0)
+    curved, _ = fit_null(null.division.scan, seen, find_alone, clutter=null.problem.clutter)
+    free = reweighted(replace(before, ev=curves.on(every.ev), noise=curved.noise), fitted)
 
     def away(problem: Problem) -> Distance:
         return distance(problem, fitted, before.equations, scene=scene)
@@ -82,45 +75,32 @@ def gap_with(
         residual_maps(before, fitted=fitted),
         residual_maps(after, fitted=fitted),
         curves_shown,
-        _frames(division, null, chain, noise=noise, known=known, curves=curves_shown),
+        _frames(null, chain, noise, curves=curves_shown),
     )
 
 
-def law_gains(
-    division: Division, null: Problem, *, before: Problem, effects: Chain, added: Added, known: SensorModel
-) -> bool:
+def law_gains(null: NullModel, added: Added, *, before: Problem, effects: Chain) -> bool:
     """Whether judge scenes gain, in its channel and in the mean, by the law that was learned (`Rules.confirmed_nats`).
     `effects` are those that were in place before it, in `before`; all of `added` with the law."""
     if added.learned is None:
         return False
-    ev, scene = division.all_evidence(known)
-    fitted = (scene < len(division.parts.find)).astype(np.float32)
-    without = on_evidence(division.scan, ev, null, effects=effects, noise=before.noise, fitted=fitted)
-    noise = refitted(in_place(null, added.chain)).noise
-    with_law = on_evidence(division.scan, ev, null, effects=added.chain, noise=noise, fitted=fitted)
-    equations = on_evidence(division.scan, ev, null, effects=[], noise=null.noise, fitted=fitted).equations
-    apart = [distance(problem, fitted, equations, scene=scene) for problem in (without, with_law)]
+    every = AllScenes.of(null)
+    without = every.with_effects(effects, before.noise)
+    with_law = every.with_effects(added.chain, refitted(in_place(null.problem, added.chain)).noise)
+    equations = every.with_effects().equations
+    apart = [distance(problem, every.fitted, equations, scene=every.scene) for problem in (without, with_law)]
     gained = (apart[1].log_likelihood - apart[0].log_likelihood).mean(0)
     return bool(gained[CHANNELS.index(added.learned.learned.channel)] > RULES.confirmed_nats)
 
 
-def _frames(
-    division: Division,
-    null: Problem,
-    chain: Chain,
-    *,
-    noise: Noise,
-    known: SensorModel,
-    curves: tuple[CurveLine, ...],
-) -> tuple[JudgeFrame, ...]:
+def _frames(null: NullModel, chain: Chain, noise: Noise, *, curves: tuple[CurveLine, ...]) -> tuple[JudgeFrame, ...]:
     """A few judge frames with nearly all their rays, before the effects and with them."""
     parts: dict[str, list[JudgeFrame]] = {}
-    for chunk in whole_frames(division):
-        ev, scene = chunk.division.all_evidence(known)
-        fitted = (scene < len(division.parts.find)).astype(np.float32)
-        before = on_evidence(division.scan, ev, null, effects=[], noise=null.noise, fitted=fitted)
-        after = on_evidence(division.scan, ev, null, effects=chain, noise=noise, fitted=fitted)
-        for part in rays_of(before, after, fitted=fitted, chunk=chunk, curves=curves):
+    for chunk in whole_frames(null.division):
+        every = AllScenes.of(null, chunk.division)
+        before = every.with_effects()
+        after = every.with_effects(chain, noise)
+        for part in rays_of(before, after, fitted=every.fitted, chunk=chunk, curves=curves):
             parts.setdefault(part.name, []).append(part)
     return tuple(map(joined, parts.values()))
 
@@ -149,12 +129,11 @@ def judge_known(
     Raises ValueError for unknown effects and where the scenes are too few.
     """
     effects = [get_effect(name) for name in answer]
-    division = Division.of(comparison)
-    ev, _ = division.evidence(division.parts.find)
-    null, _ = fit_null(division.scan, ev, ev.all_blocks)
-    starts = [to_z(effect, dict(answer[effect.name]), ev.rays.row.shape[-1]) for effect in effects]
-    chain = [(one.effect, one.fit.z) for one in refit(null, effects, starts)]
-    shown = gap_with(division, null, chain, noise=refitted(in_place(null, chain)).noise)
+    null = NullModel.of(Division.of(comparison))
+    rows = null.problem.ev.rays.row.shape[-1]
+    starts = [to_z(effect, dict(answer[effect.name]), rows) for effect in effects]
+    chain = [(one.effect, one.fit.z) for one in refit(null.problem, effects, starts)]
+    shown = gap_with(null, chain, refitted(in_place(null.problem, chain)).noise)
     return shown.gap, shown.closure
 
 

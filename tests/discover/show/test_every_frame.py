@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from jaxsim.data.polar_frames import write_frame, write_grid
-from jaxsim.discover import every_frame, read
-from jaxsim.discover.every_frame import HeldAnswer, block_of, judge_rest
+from jaxsim.discover import read
+from jaxsim.discover.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.model.cast import cast
-from jaxsim.discover.model.null import fit_null, refit
+from jaxsim.discover.model.null import refit
 from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.mounting import Mounting
-from jaxsim.discover.read import NOTHING_YET, Division, read_comparison
+from jaxsim.discover.read import read_comparison
+from jaxsim.discover.show import every_frame
+from jaxsim.discover.show.every_frame import HeldAnswer, block_of, judge_rest
 from jaxsim.effects import get_effect
 from jaxsim.frame import PolarImage
 from tests.discover.toy import toy
@@ -44,13 +46,11 @@ def judged(tmp_path_factory, standard_promotion):
         patch.setattr(read, "FEWEST_FRAMES", READ)
         patch.setattr(read, "MOST_CELLS", 0)
         comparison = read_comparison(folder / "simulated", folder / "measured")
-    division = Division.of(comparison)
-    ev, _ = division.evidence(division.parts.find)
-    null, _ = fit_null(division.scan, ev, ev.all_blocks)
+    null = NullModel.of(Division.of(comparison))
     effect = get_effect("beam_gain")
-    start = to_z(effect, {}, ev.rays.row.shape[-1])
-    chain = [(one.effect, one.fit.z) for one in refit(null, [effect], [start])]
-    return comparison, HeldAnswer(division, null, chain, null.noise, NOTHING_YET)
+    start = to_z(effect, {}, null.problem.ev.rays.row.shape[-1])
+    chain = [(one.effect, one.fit.z) for one in refit(null.problem, [effect], [start])]
+    return comparison, HeldAnswer(null, chain, null.problem.noise)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ are drawn of each alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
@@ -20,21 +20,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import by_small_steps
-from jaxsim.discover.drawn import GridSums, map_sums
-from jaxsim.discover.gap import ERROR_UNITS, block_distances
+from jaxsim.discover.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
-from jaxsim.discover.model.fit import Chain, Problem
+from jaxsim.discover.model.fit import Chain
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import on_evidence
 from jaxsim.discover.mounting import Mounting, place_alike
-from jaxsim.discover.read import Comparison, Division, Rest, read_part
+from jaxsim.discover.read import Comparison, Rest, read_part
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.show.gap import ERROR_UNITS, block_distances
+from jaxsim.discover.show.pictures import GridSums, map_sums
 from jaxsim.discover.verdict import EveryFrame, Interval, OddFrame
-from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
-from jaxsim.metrics.intervals import mean_interval
 from jaxsim.progress import Progress
 
 _Maps = dict[str, Float[np.ndarray, "r c"]]
@@ -59,12 +57,10 @@ class Sums:
 class HeldAnswer(NamedTuple):
     """What frames are judged by: an answer, as `show.gap_with` takes it."""
 
-    division: Division
+    null: NullModel
     """Of the frames that were read, whose find scenes stay in every block."""
-    null: Problem
     chain: Chain
     noise: Noise
-    known: SensorModel
 
 
 @by_small_steps
@@ -81,7 +77,9 @@ def judge_rest(
     if rest is None or mounting.comparison.other_moments:
         return None
     # Two at least, for `blocks` cuts a frame that stands alone into sectors.
-    size = max(size or len(set(_judged_frames(by.division))), 2)
+    division = by.null.division
+    judged, _ = division.blocks_of(division.parts.judge)
+    size = max(size or len(np.unique(division.blocks.frame[judged])), 2)
     sums = Sums()
     bar = Progress(total=len(rest.names), unit="frame", desc="judging every frame")
     with bar:
@@ -117,9 +115,9 @@ def block_of(
 ) -> JudgedBlock:
     """The next frames as they are judged; the last one is repeated until there are `size`."""
     padded = [*names, *[names[-1]] * (size - len(names))]
-    part = place_alike(read_part(rest, padded, like=comparison), mounting, by.known)
-    old = by.division
-    is_find = np.array([scene in old.parts.find for scene in old.blocks.scene])
+    part = place_alike(read_part(rest, padded, like=comparison), mounting, by.null.known)
+    old = by.null.division
+    is_find, _ = old.blocks_of(old.parts.find)
     new = _new_blocks(old, part.scenes, number=number)
     # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
     pieces = tuple(f"piece {k}" for k in range(len(new.frame)))
@@ -137,10 +135,11 @@ def add(sums: Sums, block: JudgedBlock, by: HeldAnswer) -> None:
     """Judges a block's frames and adds them to the sums."""
     division = block.division
     scenes = tuple(dict.fromkeys(division.blocks.scene))
-    ev, _ = division.evidence(scenes, by.known)
+    ev, scene = division.evidence(scenes, by.null.known)
     fitted = block.fitted
-    before = on_evidence(division.scan, ev, by.null, effects=[], noise=by.null.noise, fitted=fitted)
-    after = on_evidence(division.scan, ev, by.null, effects=by.chain, noise=by.noise, fitted=fitted)
+    every = AllScenes(by.null, division, ev, scene, fitted)
+    before = every.with_effects()
+    after = every.with_effects(by.chain, by.noise)
     sides = [block_distances(problem, fitted, before.equations) for problem in (before, after)]
     gain = sides[1].log_likelihood - sides[0].log_likelihood
     # Frames that only fill up have no name, and count nowhere.
@@ -164,20 +163,25 @@ def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
     count = np.array([len(sums.frames_of[scene]) for scene in scenes])
     gain = np.array([sums.gain[scene] for scene in scenes]) / count[:, None]
     error = np.array([sums.error[scene] for scene in scenes])
-    # A scene of which a channel compares no ray has 0 / 0, which `_mean` leaves out.
+    # A scene of which a channel compares no ray has 0 / 0, which no mean counts.
     with np.errstate(invalid="ignore"):
         means = error[..., 0] / error[..., 1]
-    unseen = np.array([scene not in by.division.parts.find for scene in scenes])
+    unseen = np.array([scene not in by.null.division.parts.find for scene in scenes])
     worst = sorted(sums.of_frame, key=lambda name: sums.of_frame[name])[: RULES.odd_frames]
     scene_of = {name: scene for scene, names in sums.frames_of.items() for name in names}
+
+    def by_channel(of: Float[np.ndarray, "s 3"], units: Mapping[str, str] | None = None) -> dict[str, Interval]:
+        units = units or dict.fromkeys(CHANNELS, "nats a frame")
+        return {name: Interval.of_scenes(of[:, k], units[name]) for k, name in enumerate(CHANNELS)}
+
     return EveryFrame(
         frames=len(sums.of_frame),
         scenes=len(scenes),
         unseen=int(unseen.sum()),
-        gained={name: _mean(gain[:, k]) for k, name in enumerate(CHANNELS)},
-        gained_unseen={name: _mean(gain[unseen, k]) for k, name in enumerate(CHANNELS)},
-        before={name: _mean(means[:, 0, k], ERROR_UNITS[name]) for k, name in enumerate(CHANNELS)},
-        after={name: _mean(means[:, 1, k], ERROR_UNITS[name]) for k, name in enumerate(CHANNELS)},
+        gained=by_channel(gain),
+        gained_unseen=by_channel(gain[unseen]),
+        before=by_channel(means[:, 0], ERROR_UNITS),
+        after=by_channel(means[:, 1], ERROR_UNITS),
         worst=tuple(OddFrame(name, scene_of[name], sums.of_frame[name]) for name in worst),
     )
 
@@ -192,18 +196,6 @@ def rest_in_words(told: EveryFrame) -> str:
         f"on the other {told.frames} frames, of {told.scenes} scenes, {told.unseen} of which nothing was fitted to, "
         f"the answer gains: {gains}; least on {worst.name} of {worst.scene} ({worst.nats:.3g} nats)"
     )
-
-
-def _mean(values: Float[np.ndarray, " s"], unit: str = "nats a frame") -> Interval:
-    finite = values[np.isfinite(values)]
-    value = float(finite.mean()) if len(finite) else float("nan")
-    return Interval(value, *(mean_interval(finite) if len(finite) > 1 else (float("nan"), float("nan"))), unit)
-
-
-def _judged_frames(division: Division) -> Iterator[int]:
-    for frame, scene in zip(division.blocks.frame.tolist(), division.blocks.scene, strict=True):
-        if scene in division.parts.judge:
-            yield frame
 
 
 def _new_blocks(old: Division, scenes: Sequence[str], *, number: int) -> Blocks:
@@ -253,6 +245,7 @@ def _joined(old: Division, fresh: Division, chosen: Bool[np.ndarray, " b"]) -> D
         blocks=blocks_of_both,
         rays=replace(rays, rays=replace(rays.rays, frame=frame)),
         names=(*(old.names[k] for k in staying), *fresh.names),
+        scenes=(*(old.scenes[k] for k in staying), *fresh.scenes),
     )
 
 

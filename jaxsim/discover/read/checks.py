@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.data.polar_frames import PolarFrames
-from jaxsim.discover.register.registration import Registration
+from jaxsim.discover.read.registration import Registration
 from jaxsim.discover.rules import RULES
 from jaxsim.frame import PolarImage
 from jaxsim.geometry import grid_difference

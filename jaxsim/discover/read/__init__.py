@@ -1,4 +1,9 @@
-"""Two folders of polar frames as one comparison, and its blocks on the device, divided into find and judge scenes."""
+"""Two folders of polar frames as one comparison.
+
+checks           units, one grid, the same streets under the same names
+motion           where the sensor stood, by ranges alone
+registration     what that is of, and what it says
+"""
 
 from __future__ import annotations
 
@@ -7,13 +12,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames, scene_of
-from jaxsim.discover.checks import (
+from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.model.noise_levels import Levels
+from jaxsim.discover.read.checks import (
     all_or_none,
     check_no_copies,
     check_no_doubles,
@@ -25,30 +30,16 @@ from jaxsim.discover.checks import (
     sceneless,
     unpartnered,
 )
-from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, with_planes
-from jaxsim.discover.model.evidence import Evidence, Measured, gather, near_enough
-from jaxsim.discover.model.noise_levels import Levels, on_lattices
-from jaxsim.discover.model.simulator import Meant, meant
-from jaxsim.discover.register import register
-from jaxsim.discover.register.registration import Registration, other_moments, speeds_read
-from jaxsim.discover.scenes import Split, split_scenes
-from jaxsim.effects import get_effect
-from jaxsim.effects.chain import SensorModel
+from jaxsim.discover.read.motion import register
+from jaxsim.discover.read.registration import Registration, other_moments, speeds_read
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
-
-NOTHING_YET = SensorModel()
-"""A sensor model without effects."""
-
 
 MOST_CELLS = 72 * 64 * 1024
 """Of the frames that are read: a fit sees RAYS of them however many there are, and these take about 3 GiB."""
 FEWEST_FRAMES = 16
 """That are read however large they are."""
-UNKNOWN_BETWEEN = 0.03
-"""Share of readings between two surfaces, of the rays beside a step of frames that were cast again: a surface goes on
-between the directions in which it was rendered, and how is in no frame."""
 
 
 @dataclass(frozen=True)
@@ -247,122 +238,3 @@ def _evenly(count: int, most: int) -> list[int]:
     """At most so many of the numbers 0 to count - 1, from the middle of as many equal parts."""
     parts = min(count, most)
     return [(2 * k + 1) * count // (2 * parts) for k in range(parts)]
-
-
-def same_surfaces(scan: Scan, measured: Measured) -> tuple[Scan, Measured]:
-    """Both sides (in host memory) without the rays whose ranges are of different surfaces: between two moments things
-    move and come out from behind others, which no effect of a sensor should explain. They count as seen by neither.
-
-    A ray is kept by what its neighbours say, not by whether it returned itself: where both sides see one surface to
-    both sides of it, a ray that did not return was lost, and the share of these is that of all rays there.
-    """
-    hit, valid = np.asarray(scan.hit), np.asarray(measured.valid)
-    agree = hit & valid & np.asarray(near_enough(measured.range_m, scan.range_m))
-    same = hit & _amid(agree) & (agree | ~valid)
-    return seen_by_both(scan, measured, same=same)
-
-
-def seen_by_both(scan: Scan, measured: Measured, *, same: Bool[np.ndarray, "f r n"]) -> tuple[Scan, Measured]:
-    """Both sides (in host memory) with those rays alone; the others count as seen by neither."""
-    hit = np.asarray(scan.hit) & same
-    slopes = np.where(hit[..., None], scan.slopes, 0).astype(np.float32)
-    zeros = {name: np.where(hit, getattr(scan, name), 0) for name in ("range_m", "intensity", "incidence_rad")}
-    one = replace(scan, hit=hit, slopes=slopes, **{k: v.astype(np.float32) for k, v in zeros.items()})
-    # Where neither hits anything there is nothing to be of another moment.
-    return one, replace(measured, valid=np.asarray(measured.valid) & same)
-
-
-def _amid(agreed: np.ndarray) -> np.ndarray:
-    """Whether both neighbours of a ray, in its row or in its column, agree."""
-    wide = np.pad(agreed, ((0, 0), (1, 1), (1, 1)))
-    beside = wide[:, 1:-1, :-2] & wide[:, 1:-1, 2:]
-    above = wide[:, :-2, 1:-1] & wide[:, 2:, 1:-1]
-    return beside | above
-
-
-@dataclass(frozen=True)
-class Division:
-    """Columns of a comparison's frames in blocks, and the scenes that they are divided by."""
-
-    scan: Scan
-    """The simulated frames, with incidence angles taken from planes of the range image."""
-    given: Scan
-    """The frames as the simulator means them, with the incidence that was given."""
-    simulator: Meant
-    """What the simulator means, and its own noise."""
-    measured: Measured
-    blocks: Blocks
-    rays: Cast
-    """Rays of all blocks, traced once."""
-    parts: Split
-    between_unknown: bool = False
-    """As in `Comparison`."""
-    names: tuple[str, ...] = ()
-    """Of the frames."""
-
-    @classmethod
-    def of(
-        cls,
-        comparison: Comparison,
-        *,
-        chosen: Blocks | None = None,
-        parts: Split | None = None,
-        noises: tuple[Levels, Levels] | None = None,
-    ) -> Division:
-        """A comparison divided, or with blocks that were `chosen`, `parts` that are known, and `noises` that
-        other frames of the two sides have told.
-
-        Raises ValueError where the scenes are too few, or the sectors of a single drive too narrow."""
-        measured = jax.tree.map(jnp.asarray, comparison.measured)
-        simulator = meant(
-            jax.tree.map(jnp.asarray, comparison.scan),
-            range_m=measured.range_m,
-            intensity=measured.intensity,
-            valid=measured.valid,
-            noises=noises,
-        )
-        if comparison.lattices is not None:
-            simulator = replace(simulator, noise=on_lattices(simulator.noise, comparison.lattices))
-        # Not before: a ray that counts on neither side would look like one that the simulator lost.
-        both = simulator.scan, measured
-        if comparison.told is not None:
-            both = seen_by_both(*both, same=comparison.told)
-        if comparison.other_moments:
-            both = same_surfaces(*both)
-        both_scan, measured = jax.tree.map(jnp.asarray, both)
-        simulator = replace(simulator, scan=both_scan)
-        given, ranges = simulator.scan, simulator.ranges
-        chosen = chosen or blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
-        scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
-        rays = cast(scan, chosen.frame, chosen.column)
-        parts = parts or split_scenes(chosen.scene)
-        return cls(scan, given, simulator, measured, chosen, rays, parts, comparison.between_unknown, comparison.names)
-
-    def evidence(
-        self, names: Sequence[str], known: SensorModel = NOTHING_YET
-    ) -> tuple[Evidence, Int[np.ndarray, " b"]]:
-        """The evidence of the named scenes with the `known` effects in place, and the index of each block's scene
-        among `names`."""
-        keep = np.array([scene in names for scene in self.blocks.scene])
-        order = {name: k for k, name in enumerate(names)}
-        scene = np.array([order[name] for name in self.blocks.scene if name in order])
-        frame = self.blocks.frame[keep]
-        column = self.blocks.column[keep]
-        ev = gather(
-            self.scan,
-            self.measured,
-            frame=frame,
-            column=column,
-            scene=scene,
-            given_rad=self.given.incidence_rad,
-            rays=self.rays.part(keep),
-            simulator=self.simulator,
-        )
-        if self.between_unknown:
-            between = get_effect("mixed_pixels")
-            ev = replace(ev, rays=between.apply({"probability": np.float32(UNKNOWN_BETWEEN)}, ev.rays))
-        return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects or known.learned else ev), scene
-
-    def all_evidence(self, known: SensorModel = NOTHING_YET) -> tuple[Evidence, Int[np.ndarray, " b"]]:
-        """Gives the evidence of find and judge scenes, in this order."""
-        return self.evidence((*self.parts.find, *self.parts.judge), known)

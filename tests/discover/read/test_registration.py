@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.register.registration import other_moments, speeds_read
+from jaxsim.discover.read.registration import other_moments, speeds_read
 from tests.discover.made_register import found
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")

@@ -6,19 +6,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.covariates import CATEGORICAL, COVARIATES
-from jaxsim.discover.model.cast import Blocks, blocks, cast
+from jaxsim.discover.division import Division
+from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import Residuals, residuals
-from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, JudgeFrame
 from jaxsim.effects import Law
+from jaxsim.frame import PolarGrid
 from jaxsim.metrics.intervals import half_width
 
 RESIDUAL_UNITS = {
@@ -137,13 +139,12 @@ def map_sums(
     problem: Problem, fitted: Float[np.ndarray, " b"], *, where: Bool[np.ndarray, " b"]
 ) -> dict[str, GridSums]:
     """Sums of the residuals of some blocks on the grid, by channel."""
-    row = np.asarray(problem.ev.rays.row)[where]
-    column = np.asarray(problem.ev.rays.column)[where]
-    shape = (len(np.asarray(problem.scan.grid.elevation_rad)), len(np.asarray(problem.scan.grid.azimuth_rad)))
+    row = np.asarray(problem.ev.rays.row)
+    column = np.asarray(problem.ev.rays.column)
     sums = {}
     for name, (off, _, counts) in residuals(problem, fitted).items():
-        keep = counts[where]
-        sums[name] = sums_on_grid(off[where][keep], row[keep], column[keep], shape=shape)
+        keep = counts & where[:, None, None]
+        sums[name] = GridSums.of(off[keep], (row[keep], column[keep]), problem.scan.grid)
     return sums
 
 
@@ -156,6 +157,18 @@ class GridSums:
     columns: int
     """Of the grid."""
 
+    @classmethod
+    def of(cls, values: Float[np.ndarray, " n"], cells: tuple[np.ndarray, np.ndarray], grid: PolarGrid) -> GridSums:
+        """Sums of rays in the `cells` (rows and columns) of a grid."""
+        rows, columns = len(grid.elevation_rad), len(grid.azimuth_rad)
+        bins = min(columns, MAP_COLUMNS)
+        row, column = cells
+        # Cells numbered row by row, so that one count serves all.
+        cell = row * bins + column * bins // columns
+        count = np.bincount(cell, minlength=rows * bins).reshape(rows, bins)
+        total = np.bincount(cell, values, minlength=rows * bins).reshape(rows, bins)
+        return cls(total, count, columns)
+
     def __add__(self, other: GridSums) -> GridSums:
         return GridSums(self.total + other.total, self.count + other.count, self.columns)
 
@@ -163,35 +176,6 @@ class GridSums:
         """Means, spread over the grid; NaN where there is no ray."""
         mean = np.where(self.count > 0, self.total / np.maximum(self.count, 1), np.nan)
         return mean[:, np.arange(self.columns) * mean.shape[1] // self.columns]
-
-
-def mean_on_grid(
-    values: Float[np.ndarray, " n"],
-    row: Int[np.ndarray, " n"],
-    column: Int[np.ndarray, " n"],
-    *,
-    shape: tuple[int, int],
-) -> Float[np.ndarray, "r c"]:
-    """Mean of the rays of each row and of each of MAP_COLUMNS groups of columns, spread over the grid of `shape`; NaN
-    where there are none."""
-    return sums_on_grid(values, row, column, shape=shape).mean()
-
-
-def sums_on_grid(
-    values: Float[np.ndarray, " n"],
-    row: Int[np.ndarray, " n"],
-    column: Int[np.ndarray, " n"],
-    *,
-    shape: tuple[int, int],
-) -> GridSums:
-    """What `mean_on_grid` is the mean of."""
-    rows, columns = shape
-    bins = min(columns, MAP_COLUMNS)
-    # Cells numbered row by row, so that one count serves all.
-    cell = row * bins + column * bins // columns
-    count = np.bincount(cell, minlength=rows * bins).reshape(rows, bins)
-    total = np.bincount(cell, values, minlength=rows * bins).reshape(rows, bins)
-    return GridSums(total, count, columns)
 
 
 @dataclass(frozen=True)
@@ -213,10 +197,7 @@ def whole_frames(division: Division) -> Iterator[Chunk]:
     """
     old = division.blocks
     frames, rows, columns = division.scan.range_m.shape
-    # More blocks than frames: those of a single drive, cut into sectors.
-    sectors = len(old.frame) > frames
-    scenes = ("one drive",) * frames if sectors else old.scene
-    whole = blocks(scenes, rows, columns, rays=rows * columns * frames)
+    whole = blocks(division.scenes, rows, columns, rays=rows * columns * frames)
     judge = division.parts.judge
     shown = _shown_frames(whole, judge)
     picked = [k for k in range(len(whole.frame)) if whole.frame[k] in shown and whole.scene[k] in judge]
@@ -234,8 +215,7 @@ def whole_frames(division: Division) -> Iterator[Chunk]:
         column_now = old.column.copy()
         column_now[places] = columns_of[take]
         # Scenes keep their places: nothing of these blocks is summed over scenes.
-        chosen = Blocks(frame, column_now, old.scene)
-        part = replace(division, blocks=chosen, rays=cast(division.scan, frame, column_now))
+        part = division.looking_at(Blocks(frame, column_now, old.scene))
         names = tuple(whole.scene[k] for k in block_of[take])
         yield Chunk(part, np.where(fills, -1, frame[places]), names)
 
@@ -306,20 +286,15 @@ def _off(by_channel: Mapping[str, Residuals], judged: Bool[np.ndarray, " b"]) ->
 
 def joined(parts: Sequence[JudgeFrame]) -> JudgeFrame:
     """Parts of one frame as one; without a scene where they are of several."""
-    first = parts[0]
 
-    def together(read: Callable[[JudgeFrame], np.ndarray]) -> np.ndarray:
-        return np.concatenate([read(part) for part in parts])
+    def together(each: Sequence[Any]) -> Any:
+        if isinstance(each[0], dict):
+            return {name: together([one[name] for one in each]) for name in each[0]}
+        if isinstance(each[0], tuple):
+            return tuple(map(together, zip(*each, strict=True)))
+        return np.concatenate(each)
 
-    return JudgeFrame(
-        name=first.name,
-        scene=first.scene if len({part.scene for part in parts}) == 1 else "",
-        row=together(lambda part: part.row),
-        column=together(lambda part: part.column),
-        range_m=together(lambda part: part.range_m),
-        returned=together(lambda part: part.returned),
-        before={name: together(lambda part, name=name: part.before[name]) for name in first.before},
-        after={name: together(lambda part, name=name: part.after[name]) for name in first.after},
-        groups=tuple(together(lambda part, k=k: part.groups[k]) for k in range(len(first.groups))),
-        time_s=first.time_s,
-    )
+    of_rays = ("row", "column", "range_m", "returned", "before", "after", "groups")
+    rays = {name: together([getattr(part, name) for part in parts]) for name in of_rays}
+    scene = parts[0].scene if len({part.scene for part in parts}) == 1 else ""
+    return replace(parts[0], scene=scene, **rays)

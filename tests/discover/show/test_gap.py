@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps, log_odds, robust
 from jaxsim.discover.model.likelihood import DEGREES
 from jaxsim.discover.model.null import residuals
+from jaxsim.discover.show.gap import Distance, additive_floor, closure, distance, gaps, log_odds, robust
 from jaxsim.effects.effect import CHANNELS
 from tests.discover.toy import judged_toy
 

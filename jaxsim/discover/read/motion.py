@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from jaxsim.discover.register.registration import (
+from jaxsim.discover.read.registration import (
     LIFT,
     NUMBERS,
     POSE,

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.blind.hidden.case import make_case
 from jaxsim.data.polar_frames import frame_names, read_frame
-from jaxsim.discover.checks import agreement, check_pairs
+from jaxsim.discover.read.checks import agreement, check_pairs
 from tests.discover.rooms import registered, rooms, seen
 
 SMALL = {"seed": 11, "scenes": 6, "rows": 16, "columns": 96}

@@ -1,0 +1,222 @@
+"""A comparison divided into find and judge scenes, on the device; and the null model of its find scenes, which all that
+is found stands on.
+
+Fits look at blocks of columns. What scenes share (noise, gain, reflectances of classes) is fitted to the find scenes
+alone, also where judge scenes are held against what was found (`AllScenes`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, with_planes
+from jaxsim.discover.model.evidence import Evidence, Measured, gather, near_enough
+from jaxsim.discover.model.fit import Chain, Problem
+from jaxsim.discover.model.noise import Noise
+from jaxsim.discover.model.noise_levels import Levels, on_lattices
+from jaxsim.discover.model.null import fit_null, on_evidence
+from jaxsim.discover.model.simulator import Meant, meant
+from jaxsim.discover.read import Comparison
+from jaxsim.discover.scenes import Split, split_scenes
+from jaxsim.effects import get_effect
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.rays import Scan
+
+NOTHING_YET = SensorModel()
+"""A sensor model without effects."""
+UNKNOWN_BETWEEN = 0.03
+"""Share of readings between two surfaces, of the rays beside a step of frames that were cast again: a surface goes on
+between the directions in which it was rendered, and how is in no frame."""
+
+
+def same_surfaces(scan: Scan, measured: Measured) -> tuple[Scan, Measured]:
+    """Both sides (in host memory) without the rays whose ranges are of different surfaces: between two moments things
+    move and come out from behind others, which no effect of a sensor should explain. They count as seen by neither.
+
+    A ray is kept by what its neighbours say, not by whether it returned itself: where both sides see one surface to
+    both sides of it, a ray that did not return was lost, and the share of these is that of all rays there.
+    """
+    hit, valid = np.asarray(scan.hit), np.asarray(measured.valid)
+    agree = hit & valid & np.asarray(near_enough(measured.range_m, scan.range_m))
+    same = hit & _amid(agree) & (agree | ~valid)
+    return seen_by_both(scan, measured, same=same)
+
+
+def seen_by_both(scan: Scan, measured: Measured, *, same: Bool[np.ndarray, "f r n"]) -> tuple[Scan, Measured]:
+    """Both sides (in host memory) with those rays alone; the others count as seen by neither."""
+    hit = np.asarray(scan.hit) & same
+    slopes = np.where(hit[..., None], scan.slopes, 0).astype(np.float32)
+    zeros = {name: np.where(hit, getattr(scan, name), 0) for name in ("range_m", "intensity", "incidence_rad")}
+    one = replace(scan, hit=hit, slopes=slopes, **{k: v.astype(np.float32) for k, v in zeros.items()})
+    # Where neither hits anything there is nothing to be of another moment.
+    return one, replace(measured, valid=np.asarray(measured.valid) & same)
+
+
+def _amid(agreed: np.ndarray) -> np.ndarray:
+    """Whether both neighbours of a ray, in its row or in its column, agree."""
+    wide = np.pad(agreed, ((0, 0), (1, 1), (1, 1)))
+    beside = wide[:, 1:-1, :-2] & wide[:, 1:-1, 2:]
+    above = wide[:, :-2, 1:-1] & wide[:, 2:, 1:-1]
+    return beside | above
+
+
+@dataclass(frozen=True)
+class Division:
+    """Columns of a comparison's frames in blocks, and the scenes that they are divided by."""
+
+    scan: Scan
+    """The simulated frames, with incidence angles taken from planes of the range image."""
+    given: Scan
+    """The frames as the simulator means them, with the incidence that was given."""
+    simulator: Meant
+    """What the simulator means, and its own noise."""
+    measured: Measured
+    blocks: Blocks
+    rays: Cast
+    """Rays of all blocks, traced once."""
+    parts: Split
+    between_unknown: bool = False
+    """As in `Comparison`."""
+    names: tuple[str, ...] = ()
+    """Of the frames."""
+    scenes: tuple[str, ...] = ()
+    """Of the frames; a block's are `blocks.scene`, which are sectors where all frames are of one drive."""
+
+    @classmethod
+    def of(
+        cls,
+        comparison: Comparison,
+        *,
+        chosen: Blocks | None = None,
+        parts: Split | None = None,
+        noises: tuple[Levels, Levels] | None = None,
+    ) -> Division:
+        """A comparison divided, or with blocks that were `chosen`, `parts` that are known, and `noises` that
+        other frames of the two sides have told.
+
+        Raises ValueError where the scenes are too few, or the sectors of a single drive too narrow."""
+        measured = jax.tree.map(jnp.asarray, comparison.measured)
+        simulator = meant(
+            jax.tree.map(jnp.asarray, comparison.scan),
+            range_m=measured.range_m,
+            intensity=measured.intensity,
+            valid=measured.valid,
+            noises=noises,
+        )
+        if comparison.lattices is not None:
+            simulator = replace(simulator, noise=on_lattices(simulator.noise, comparison.lattices))
+        # Not before: a ray that counts on neither side would look like one that the simulator lost.
+        both = simulator.scan, measured
+        if comparison.told is not None:
+            both = seen_by_both(*both, same=comparison.told)
+        if comparison.other_moments:
+            both = same_surfaces(*both)
+        both_scan, measured = jax.tree.map(jnp.asarray, both)
+        simulator = replace(simulator, scan=both_scan)
+        given, ranges = simulator.scan, simulator.ranges
+        chosen = chosen or blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
+        scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
+        rays = cast(scan, chosen.frame, chosen.column)
+        parts = parts or split_scenes(chosen.scene)
+        return cls(
+            scan,
+            given,
+            simulator,
+            measured,
+            chosen,
+            rays,
+            parts,
+            between_unknown=comparison.between_unknown,
+            names=comparison.names,
+            scenes=comparison.scenes,
+        )
+
+    def looking_at(self, chosen: Blocks) -> Division:
+        """The same frames and scenes, of which other columns are looked at."""
+        return replace(self, blocks=chosen, rays=cast(self.scan, chosen.frame, chosen.column))
+
+    def blocks_of(self, names: Sequence[str]) -> tuple[Bool[np.ndarray, " b"], Int[np.ndarray, " k"]]:
+        """Which blocks are of the named scenes, and of these the index of each one's scene among `names`."""
+        order = {name: k for k, name in enumerate(names)}
+        keep = np.array([name in order for name in self.blocks.scene])
+        return keep, np.array([order[name] for name in self.blocks.scene if name in order])
+
+    def evidence(
+        self, names: Sequence[str], known: SensorModel = NOTHING_YET
+    ) -> tuple[Evidence, Int[np.ndarray, " b"]]:
+        """The evidence of the named scenes with the `known` effects in place, and the index of each block's scene
+        among `names`."""
+        keep, scene = self.blocks_of(names)
+        ev = gather(
+            self.scan,
+            self.measured,
+            frame=self.blocks.frame[keep],
+            column=self.blocks.column[keep],
+            scene=scene,
+            given_rad=self.given.incidence_rad,
+            rays=self.rays.part(keep),
+            simulator=self.simulator,
+        )
+        if self.between_unknown:
+            between = get_effect("mixed_pixels")
+            ev = replace(ev, rays=between.apply({"probability": np.float32(UNKNOWN_BETWEEN)}, ev.rays))
+        return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects or known.learned else ev), scene
+
+
+@dataclass(frozen=True)
+class NullModel:
+    """The null model of a comparison, fitted to its find scenes with what is `known` of the sensor in place."""
+
+    division: Division
+    known: SensorModel
+    problem: Problem
+
+    @classmethod
+    def of(cls, division: Division, known: SensorModel = NOTHING_YET) -> NullModel:
+        """Fits it. Raises ValueError for a learned law of what the frames do not hold."""
+        for law in known.learned:
+            law.check(division.scan)
+        ev, _ = division.evidence(division.parts.find, known)
+        # The null needs the component of false returns as soon as a known effect makes some.
+        clutter = any(get_effect(name).clutter for name, _ in known.effects)
+        problem, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
+        return cls(division, known, problem)
+
+    @property
+    def scene(self) -> Int[np.ndarray, " b"]:
+        """The scene of each of its blocks."""
+        return self.division.blocks_of(self.division.parts.find)[1]
+
+
+@dataclass(frozen=True)
+class AllScenes:
+    """Find and judge scenes, in this order, with what is known in place: what is found is held against them."""
+
+    null: NullModel
+    division: Division
+    """The null model's, or other columns of its frames."""
+    ev: Evidence
+    scene: Int[np.ndarray, " b"]
+    fitted: Float[np.ndarray, " b"]
+    """1 for the find scenes, from which follows what scenes share."""
+
+    @classmethod
+    def of(cls, null: NullModel, division: Division | None = None) -> AllScenes:
+        """All scenes of a null model, by the columns of another `division` of its frames where one is given."""
+        division = division or null.division
+        find, judge = division.parts.find, division.parts.judge
+        ev, scene = division.evidence((*find, *judge), null.known)
+        return cls(null, division, ev, scene, (scene < len(find)).astype(np.float32))
+
+    def with_effects(self, effects: Chain = (), noise: Noise | None = None) -> Problem:
+        """The null model's problem here, with effects in place and the `noise` that they leave (by default the
+        null's)."""
+        null = self.null.problem
+        noise = null.noise if noise is None else noise
+        return on_evidence(self.division.scan, self.ev, null, effects=effects, noise=noise, fitted=self.fitted)
