@@ -138,7 +138,8 @@ def discover(
 
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
     fitted = fit_answer(found, divided, exchanged, log=log)
-    answer, added, choice = fitted.answer, fitted.added, fitted.answer.choice
+    answer, added = fitted.answer, fitted.added
+    choice = answer.choice
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")

@@ -76,8 +76,8 @@ class Smoothing:
         azimuth = np.asarray(scan.grid.azimuth_rad, float)
         step = float(np.median(np.abs(np.angle(np.exp(1j * np.diff(azimuth))))))
         return cls(
-            range_sd_m=jnp.float32(noise.range_m),
-            intensity_sd=jnp.array([noise.intensity, noise.intensity_share], jnp.float32),
+            range_sd_m=np.float32(noise.range_m),
+            intensity_sd=np.array([noise.intensity, noise.intensity_share], np.float32),
             half=int(np.clip(round(REACH_RAD / max(step, 1e-6)), LEAST_HALF, MOST_HALF)),
             by_cosine=noise.follows_cosine,
         )
