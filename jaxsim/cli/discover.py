@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxsim.cli.flags import EffectFiles
-from jaxsim.cli.gates import EXIT, ask_gate, check_flags, make_gate
+from jaxsim.cli.gates import EXIT, Compared, ask_gate, check_flags, make_gate
 from jaxsim.cli.sides import Sides, check_unpaired
 from jaxsim.config.ranges import Whole
 from jaxsim.data.polar_frames import read_grid
@@ -48,9 +48,8 @@ class Discover(Sides):
     effects_from: EffectFiles = ()
     nulls: Whole = 0
     """Sets the bar for these very data: draws so many measurements in which nothing is missing (the simulation with
-    what is left of these data, its sign changed scene by scene), names in each as in the measured one, and asks of an
-    effect to gain more than anything did on any of them. 20 hold false names to about one in 21; each takes about a
-    fifth of the time of an answer. 0: the bar that was set on development cases."""
+    what is left of these data, its sign changed scene by scene), and asks of an effect to gain more than any did there.
+    20 hold false names to about one in 21; each takes a fifth of an answer's time. 0: that of development cases."""
     every_frame: bool = False
     """Of folders that do not fit into memory (more than 72 frames of 64 x 1024), also judges what was named on all the
     frames that were not read, block by block, and lists those that it serves worst. Time grows with their number."""
@@ -74,13 +73,15 @@ class Discover(Sides):
 
     def __call__(self) -> None:
         check_flags(self.gate, self.write_gate, fast=self.fast)
-        check_unpaired(vars(self))
-        compare = (lambda: quick_distances(*self.folders())) if self.fast else self.answer
         if self.gate:
-            sys.exit(ask_gate(self.gate, self.out, compare))
-        shown = compare()
+            sys.exit(ask_gate(self.gate, self.out, self.compare))
+        shown = self.compare()
         if self.write_gate:
             make_gate(self.write_gate, self.out, shown)
+
+    def compare(self) -> Compared:
+        check_unpaired(vars(self))
+        return quick_distances(*self.folders()) if self.fast else self.answer()
 
     def answer(self) -> Verdict:
         """The whole answer, written to `out`."""
@@ -88,9 +89,8 @@ class Discover(Sides):
         simulated, measured = self.folders()
         _log(f"reading {simulated} and {measured}")
         both: dict[str, Any] = {"simulated": simulated, "measured": measured, "log": _log}
-        known = SensorModel()
-        if self.effects:
-            known = SensorModel.load(self.effects, rows=len(read_grid(simulated)[0].elevation_rad))
+        rows = len(read_grid(simulated)[0].elevation_rad)
+        known = SensorModel.load(self.effects, rows=rows) if self.effects else SensorModel()
         if self.unpaired:
             result = discover_unpaired(**both)
         else:

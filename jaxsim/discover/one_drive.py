@@ -31,7 +31,7 @@ from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
 
-BOUND = ("sector_occlusion", "motion_distortion", "window_contamination")
+OF_DIRECTIONS = ("sector_occlusion", "motion_distortion", "window_contamination")
 """Effects of a direction of the sensor, or of the moment within a turn."""
 PIECES = 12
 """A drive is cut into so many, or one a frame where these are fewer: as many as sectors."""
@@ -53,7 +53,7 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     nothing = OfPieces((), sectors.known, 0)
     whole = sectors.division
     frames, rows, columns = whole.scan.range_m.shape
-    bound = [effect for effect in catalogue if effect.name in BOUND]
+    bound = [effect for effect in catalogue if effect.name in OF_DIRECTIONS]
     cut = len(whole.blocks.frame) > frames
     if not cut or not bound or frames < RULES.fewest_scenes:
         return nothing
@@ -67,7 +67,9 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
         return nothing
     # Alone they stand in for what goes by range or class, which differ from side to side: now beside all others.
     choice = choose(null.problem, catalogue, log=log)
-    stands = [step.chosen.effect.name in BOUND and without_brightness(step.chosen.gain) for step in choice.steps]
+    stands = [
+        step.chosen.effect.name in OF_DIRECTIONS and without_brightness(step.chosen.gain) for step in choice.steps
+    ]
     if not any(stands):
         return nothing
     added = add_effects(null.problem, choice.steps, known=sectors.known)

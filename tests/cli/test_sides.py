@@ -126,7 +126,8 @@ def test_the_command_compares_what_it_wrote(run: Path, tmp_path: Path, monkeypat
 
 
 def test_a_run_and_folders_at_once(run: Path, out: Path, tmp_path: Path):
-    assert "give one or the other" in complaint(discover.Discover(run=run, measured=out / "measured", out=tmp_path))
+    both = discover.Discover(run=run, measured=out / "measured", out=tmp_path)
+    assert "give it or two folders, not both" in complaint(both)
 
 
 def test_flags_of_a_run_without_one(out: Path, tmp_path: Path):

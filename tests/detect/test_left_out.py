@@ -98,7 +98,7 @@ class Kept:
     latest = None
     steps = ()
 
-    def __init__(self, folder, keep):
+    def __init__(self, folder, keep=1):
         pass
 
     def save(self, step, **trees):

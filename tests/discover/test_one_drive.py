@@ -12,7 +12,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.effect import CHANNELS
 from tests.discover.noisy_street import comparison, grid
-from tests.discover.test_show import effect, verdict
+from tests.discover.verdicts import effect, verdict
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 ASKED = [EFFECTS[name] for name in ("sector_occlusion", "snr_dropout", "window_contamination")]

@@ -8,10 +8,11 @@ import pytest
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.show import WHY_NOT, gap_with, sensor_of, with_mounting, without_unconfirmed
-from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Named, Rank, Verdict
+from jaxsim.discover.verdict import CurveLine, Interval
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region
 from tests.discover.toy import toy
+from tests.discover.verdicts import effect, verdict
 from tests.report.made_regimes import regime
 
 pytestmark = pytest.mark.long
@@ -60,30 +61,6 @@ def test_rays_fall_into_the_groups_of_a_curve():
     curve = CurveLine("range", "row", "m", x, x, x, x, edges=np.array([0.0, 1.0, 2.0, np.inf]))
     assert curve.group_of(np.array([[0.0, 0.9], [1.0, 7.0]])).tolist() == [[0, 0], [1, 2]]
     assert CurveLine("range", "row", "m", x, x, x, x).group_of(x).tolist() == [-1, -1, -1]
-
-
-def effect(name: str, *channels: str, **parameters: Interval) -> Named:
-    return Named(name, (), {}, channels, 0.01, Interval(3, 1, 5, "nats per scene"), {**parameters})
-
-
-def verdict(low: float, *effects: Named) -> Verdict:
-    gained = Gained(low + 1, low, low + 2, floor=0, placebo=0, win_rate=1)
-    still = Gained(0, -1, 1, floor=0, placebo=0, win_rate=0.5)
-    gaps = {"intensity": gained, "range": still, "drop": still}
-    return Verdict(
-        verdict="named" if effects else "none",
-        effects=effects,
-        where=(),
-        unexplained=None,
-        gap={k: Gap(1, 1, -1, 1, "", 1, 1, 0.5, gained=g) for k, g in gaps.items()},
-        closure=None,
-        find=("a", "b"),
-        judge=("c",),
-        sha256="",
-        frames=3,
-        seconds=1,
-        ranking=(Rank("beam_gain", 3, 0.01, 1, ""), Rank("saturation", 1, 0.1, 1, "weak")),
-    )
 
 
 GAIN = effect("beam_gain", "intensity")

@@ -188,7 +188,7 @@ def test_a_black_level_of_every_second_row_is_told_and_added_as_such(standard_pr
     light = np.clip(measured.intensity + np.where(odd, 0.05, 0.0), 0, 1).astype(np.float32)
     names = tuple(f"frame {k}" for k in range(FRAMES))
     dependences = find_dependences(Division.of(Comparison(scan, replace(measured, intensity=light), names, names)))
-    null = dependences.null
+    null = dependences.null.problem
     curves = free_curves(null, [one for one in dependences.single if one.channel == "intensity"])
     best, curve = curves[0]
     assert (best.covariate, best.adds) == ("even rows", True)

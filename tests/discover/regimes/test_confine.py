@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jaxsim.discover.division import AllScenes
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.null import fit_null
@@ -128,7 +129,9 @@ def test_what_judge_scenes_are_held_to_does_not_rest_on_what_they_report(standar
     null, _ = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), fitted)
     law = EFFECTS["range_walk"]
     result = replace(fit(law, null, fitted, steps=1), z=to_z(law, walk, 16), noise=null.noise)
-    judge = JudgeScenes(SimpleNamespace(fitted=fitted), null)
+    scenes = object.__new__(AllScenes)
+    object.__setattr__(scenes, "fitted", fitted)
+    judge = JudgeScenes(scenes, null)
     np.testing.assert_array_equal(judge.likelier_with(law, result)[6:], apart[6:])
 
 
