@@ -34,16 +34,16 @@ from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import code_version, run_cases
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import add_effects
-from jaxsim.discover.division import NOTHING_YET, AllScenes, Division, NullModel
+from jaxsim.discover.division import NOTHING_YET, AllScenes, Division
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.law.learn import curve_form
-from jaxsim.discover.model.fit import Chain, in_place
+from jaxsim.discover.model.fit import in_place
 from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.answer import decide
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read import read_comparison
 from jaxsim.discover.repeats.examine import examine, with_repeats
-from jaxsim.discover.show.gap import distance
+from jaxsim.discover.show import judge_gains
 from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.learned import CHANGE
@@ -83,7 +83,8 @@ def run(job: Job, folder: Path) -> Row:
     repeats = examine(found.null, added.chain, noise)
     added = with_repeats(added, [one.learned for one in repeats])
     k = CHANNELS.index(kind.channel)
-    gained = gain(found.null, added.chain)[k] if added.chain else 0.0
+    every = AllScenes.of(found.null)
+    gained = judge_gains(every, added.chain)[k] if added.chain else 0.0
     return {
         "key": job.key,
         "kind": name,
@@ -94,7 +95,7 @@ def run(job: Job, folder: Path) -> Row:
         "learned": [law.name for law in added.sensor.learned],
         "repeats": [one.repeat.formula for one in repeats],
         "gained": float(gained),
-        "truth": float(gain(found.null, [(truth_law(truth, kind.channel, null.scan), {})])[k]),
+        "truth": float(judge_gains(every, [(truth_law(truth, kind.channel, null.scan), {})])[k]),
         "cpu_seconds": round(time.process_time() - began, 1),
     }
 
@@ -145,16 +146,6 @@ def truth_law(change: Rasters, channel: str, scan: Scan) -> Law:
         channels=(channel,),
         apply=apply,
     )
-
-
-def gain(null: NullModel, chain: Chain) -> Float[np.ndarray, " 3"]:
-    """Nats a judge scene that each channel's likelihood gains with `chain` in place, as `show.gap_with` has it."""
-    every = AllScenes.of(null)
-    before = every.with_effects()
-    after = every.with_effects(chain, refitted(in_place(null.problem, chain)).noise)
-    was = distance(before, every.fitted, before.equations, scene=every.scene)
-    now = distance(after, every.fitted, before.equations, scene=every.scene)
-    return (now.log_likelihood - was.log_likelihood).mean(0)
 
 
 def summary(rows: Sequence[Row]) -> str:

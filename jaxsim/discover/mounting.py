@@ -52,6 +52,11 @@ LIFT_OF_ALL = Law(
 """`beam_elevation_error` with one number for all beams."""
 OF_SURFACE = ("range_m", "hit", "incidence_rad", "semantic", "instance", "rgb", "glare_m", "glare_rad")
 """Rasters of a scan that follow from the surface that a ray meets."""
+BY_RANGES = (
+    "found by registering the ranges of both sides; everything else was asked, and the gap is shown, with the "
+    "simulated frames as seen from there"
+)
+"""How the effects of a mounting are found, in words."""
 EffectValues = dict[str, dict[str, Float[np.ndarray, " k"]]]
 """Values of effects' parameters: a number for every frame, or beam."""
 

@@ -19,20 +19,20 @@ from jaxtyping import Float
 from jaxsim.discover.add import add_effects, changes
 from jaxsim.discover.division import AllScenes, NullModel
 from jaxsim.discover.explain import named
-from jaxsim.discover.model.cast import blocks, cast
-from jaxsim.discover.model.fit import Chain, in_place
-from jaxsim.discover.model.null import refitted
+from jaxsim.discover.model.cast import blocks
 from jaxsim.discover.name.select import Log, choose
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value, split_scenes
-from jaxsim.discover.show.gap import distance
-from jaxsim.discover.verdict import Named, Verdict
+from jaxsim.discover.show import judge_gains
+from jaxsim.discover.verdict import Named
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
 
 OF_DIRECTIONS = ("sector_occlusion", "motion_distortion", "window_contamination")
 """Effects of a direction of the sensor, or of the moment within a turn."""
+BRIGHTNESS = CHANNELS.index("intensity")
+"""The channel that does not count."""
 PIECES = 12
 """A drive is cut into so many, or one a frame where these are fewer: as many as sectors."""
 
@@ -45,6 +45,14 @@ class OfPieces:
     known: SensorModel
     """What was known, with these effects."""
     pieces: int
+
+    @property
+    def how(self) -> str:
+        """How they were found, in words."""
+        return (
+            f"found by {self.pieces} pieces of the one drive, each of which sees all directions, and confirmed on a "
+            "third of them; everything else was asked, and the gap is shown, with it in place"
+        )
 
 
 def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> OfPieces:
@@ -59,8 +67,7 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
         return nothing
     count = min(PIECES, frames)
     chosen = blocks([f"piece {k * count // frames:02d}" for k in range(frames)], rows, columns)
-    rays = cast(whole.scan, chosen.frame, chosen.column)
-    pieces = replace(whole, blocks=chosen, rays=rays, parts=split_scenes(chosen.scene))
+    pieces = replace(whole.looking_at(chosen), parts=split_scenes(chosen.scene))
     null = NullModel.of(pieces, sectors.known)
     log(f"one drive: {' and '.join(effect.name for effect in bound)} are asked of {count} pieces of it")
     if not choose(null.problem, bound, log=log).steps:
@@ -73,7 +80,8 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     if not any(stands):
         return nothing
     added = add_effects(null.problem, choice.steps, known=sectors.known)
-    if judged_nats(null, [*compress(added.chain, stands)]) <= RULES.confirmed_nats:
+    gained = judge_gains(AllScenes.of(null), [*compress(added.chain, stands)])
+    if np.delete(gained, BRIGHTNESS).sum() <= RULES.confirmed_nats:
         return nothing
     effects = [
         named(step, values, does=changes(null.problem, one))
@@ -84,29 +92,7 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     return OfPieces(tuple(compress(effects, stands)), known, count)
 
 
-def judged_nats(null: NullModel, chain: Chain) -> float:
-    """Nats that a judge piece gains by effects, in the mean."""
-    every = AllScenes.of(null)
-    before = every.with_effects()
-    after = every.with_effects(chain, refitted(in_place(null.problem, chain)).noise)
-    sides = [distance(problem, every.fitted, before.equations, scene=every.scene) for problem in (before, after)]
-    return float((sides[1].log_likelihood - sides[0].log_likelihood).mean(0).sum())
-
-
 def without_brightness(gain: Float[np.ndarray, "s 3"]) -> bool:
     """Whether what scenes gain in other channels than the intensity passes what all that is named must pass."""
-    rest = clipped(np.delete(gain, CHANNELS.index("intensity"), axis=1).sum(1))
+    rest = clipped(np.delete(gain, BRIGHTNESS, axis=1).sum(1))
     return bool(rest.sum() > RULES.bar_nats and p_value(rest) <= RULES.agreement_level)
-
-
-def with_pieces(verdict: Verdict, found: OfPieces) -> Verdict:
-    """The verdict with what pieces of the drive showed before what was named with it in place."""
-    if not found.effects:
-        return verdict
-    names = ", ".join(effect.name for effect in found.effects)
-    note = (
-        f"{names}: found by {found.pieces} pieces of the one drive, each of which sees all directions, and confirmed "
-        "on a third of them; everything else was asked, and the gap is shown, with it in place"
-    )
-    answer = "named" if verdict.verdict == "none" else verdict.verdict
-    return replace(verdict, verdict=answer, effects=(*found.effects, *verdict.effects), notes=(*verdict.notes, note))

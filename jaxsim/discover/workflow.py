@@ -26,18 +26,18 @@ from jaxsim.discover.levels import compare_levels, made_by, missing, range_noise
 from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import in_place
 from jaxsim.discover.model.null import refitted
-from jaxsim.discover.mounting import named_mounting, place_mounting, refine_lift, registered_of
+from jaxsim.discover.mounting import BY_RANGES, named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.name.answer import Answer, name_effects, without_curve
 from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.objects import compare_objects
-from jaxsim.discover.one_drive import ask_pieces, with_pieces
+from jaxsim.discover.one_drive import ask_pieces
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.regimes.find import Divided, find_regimes
 from jaxsim.discover.repeats.examine import examine, formula_of, one_sided, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, unrelated
-from jaxsim.discover.show import law_gains, sensor_of, show_gap, with_mounting, without_unconfirmed
+from jaxsim.discover.show import law_gains, sensor_of, show_gap, with_placed, without_unconfirmed
 from jaxsim.discover.show.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
@@ -187,7 +187,8 @@ def discover(
         seconds=time.monotonic() - begun,
     )
     of_mounting = named_mounting(mounting, parts, rows=len(null.scan.grid.elevation_rad))
-    verdict = with_mounting(with_pieces(without_unconfirmed(verdict), of_drive), *of_mounting)
+    verdict = with_placed(without_unconfirmed(verdict), of_drive.effects, how=of_drive.how)
+    verdict = with_placed(verdict, *of_mounting, how=BY_RANGES)
     sensor = sensor_of(verdict, added.sensor, known)
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
     standing = [(one.effect, one.fit.z) for one in added.refits if one.effect.plain_name in dict(sensor.effects)]

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.division import NOTHING_YET, Division, NullModel
-from jaxsim.discover.one_drive import PIECES, OfPieces, ask_pieces, with_pieces, without_brightness
+from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.one_drive import PIECES, ask_pieces, without_brightness
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.effect import CHANNELS
 from tests.discover.noisy_street import comparison, grid
-from tests.discover.verdicts import effect, verdict
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 ASKED = [EFFECTS[name] for name in ("sector_occlusion", "snr_dropout", "window_contamination")]
@@ -51,6 +50,7 @@ def test_a_hidden_sector_of_a_single_drive_is_found_and_known_to_what_comes_afte
     found = asked(drive(hidden))
     [one] = found.effects
     assert (one.name, found.pieces) == ("sector_occlusion", PIECES)
+    assert f"found by {PIECES} pieces" in found.how
     # Columns are 0.013 rad apart, of which one in twelve is looked at in a frame, others in each.
     assert one.parameters["azimuth_rad"].value == pytest.approx(1.0, abs=0.03)
     assert one.parameters["width_rad"].value == pytest.approx(0.4, abs=0.05)
@@ -69,17 +69,6 @@ def test_several_drives_and_few_frames_have_no_pieces(monkeypatch):
     monkeypatch.setattr("jaxsim.discover.one_drive.choose", never)
     assert not asked(drive(hidden, tuple(f"drive {k}" for k in range(12)))).effects
     assert not asked(drive(hidden, frames=RULES.fewest_scenes - 1)).effects
-
-
-def test_a_verdict_tells_them_first_and_says_how_they_were_found():
-    before = verdict(1.0)
-    assert with_pieces(before, OfPieces((), NOTHING_YET, 0)) is before
-    after = with_pieces(before, OfPieces((effect("sector_occlusion", "drop"),), NOTHING_YET, 12))
-    assert (before.verdict, after.verdict) == ("none", "named")
-    assert [one.name for one in after.effects] == ["sector_occlusion"]
-    assert "sector_occlusion: found by 12 pieces of the one drive" in after.notes[-1]
-    fuller = with_pieces(verdict(1.0, effect("snr_dropout", "drop")), OfPieces(after.effects, NOTHING_YET, 12))
-    assert [one.name for one in fuller.effects] == ["sector_occlusion", "snr_dropout"]
 
 
 def test_what_a_dark_wall_may_show_does_not_count():

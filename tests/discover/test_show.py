@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.show import WHY_NOT, gap_with, sensor_of, with_mounting, without_unconfirmed
+from jaxsim.discover.show import WHY_NOT, gap_with, sensor_of, with_placed, without_unconfirmed
 from jaxsim.discover.verdict import CurveLine, Interval
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region
@@ -93,14 +93,16 @@ def test_nothing_named_needs_no_confirmation():
 def test_a_mounting_is_named_before_what_was_found_with_it_in_place():
     turn = effect("extrinsic_rotation", "range", yaw_rad=Interval(0.02, 0.01, 0.03, "rad"))
     added = SensorModel((("beam_gain", {"gain": (0.1,)}),))
-    one = with_mounting(verdict(0.5, GAIN), (turn,), ())
+    one = with_placed(verdict(0.5, GAIN), (turn,), how="by its ranges")
     assert [e.name for e in one.effects] == ["extrinsic_rotation", "beam_gain"]
+    assert one.notes[-1] == "extrinsic_rotation: by its ranges"
+    assert with_placed(one, (), how="not at all") is one
     model = sensor_of(one, added, SensorModel())
     assert model.effects == (("extrinsic_rotation", {"yaw_rad": 0.02}), ("beam_gain", {"gain": (0.1,)}))
-    alone = with_mounting(without_unconfirmed(verdict(-1, GAIN)), (turn,), ())
+    alone = with_placed(without_unconfirmed(verdict(-1, GAIN)), (turn,), how="")
     assert (alone.verdict, len(alone.effects), alone.unconfirmed) == ("named", 1, (GAIN,))
     assert [name for name, _ in sensor_of(alone, added, SensorModel()).effects] == ["extrinsic_rotation"]
-    unsure = with_mounting(replace(verdict(-1), ranking=()), (), (turn,))
+    unsure = with_placed(replace(verdict(-1), ranking=()), (), (turn,), how="")
     assert (unsure.verdict, unsure.unconfirmed) == ("none", (turn,))
 
 

@@ -50,8 +50,9 @@ class Answer:
     """Where the bar was set on nulls of these very data."""
     curve: tuple[Dependence, Candidate] | None = None
     """The free curve behind `unexplained`, fitted on top of what is chosen."""
-    both_show: tuple[Along, ...] = ()
-    """Free curves that are found with the sides exchanged as well."""
+    unasked: tuple[Along, ...] = ()
+    """Free curves that are not asked: those that nobody should ask of these sides, and those that are found with the
+    sides exchanged as well."""
     mutual: tuple[str, ...] = ()
     """All that was found, and is not said because the sides say it of each other (`exchange`), in words."""
     unfounded: tuple[str, ...] = ()
@@ -118,7 +119,7 @@ def name_effects(
     return replace(
         answer,
         nulls=drawn,
-        both_show=tuple(curves),
+        unasked=(*unasked, *curves),
         mutual=(*mutual, *map(in_words, curves)),
         unfounded=tuple(name for name, why in choice.refused.items() if why == UNFOUNDED),
     )

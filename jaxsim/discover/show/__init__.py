@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added
@@ -85,12 +86,17 @@ def law_gains(null: NullModel, added: Added, *, before: Problem, effects: Chain)
     if added.learned is None:
         return False
     every = AllScenes.of(null)
-    without = every.with_effects(effects, before.noise)
-    with_law = every.with_effects(added.chain, refitted(in_place(null.problem, added.chain)).noise)
-    equations = every.with_effects().equations
-    apart = [distance(problem, every.fitted, equations, scene=every.scene) for problem in (without, with_law)]
-    gained = (apart[1].log_likelihood - apart[0].log_likelihood).mean(0)
+    gained = judge_gains(every, added.chain) - judge_gains(every, effects, before.noise)
     return bool(gained[CHANNELS.index(added.learned.learned.channel)] > RULES.confirmed_nats)
+
+
+def judge_gains(every: AllScenes, chain: Chain, noise: Noise | None = None) -> Float[np.ndarray, " 3"]:
+    """Nats that a judge scene gains in each channel, in the mean, by effects and the `noise` that they leave (by
+    default as it is fitted to the find scenes)."""
+    noise = refitted(in_place(every.null.problem, chain)).noise if noise is None else noise
+    before, after = every.with_effects(), every.with_effects(chain, noise)
+    sides = [distance(one, every.fitted, before.equations, scene=every.scene) for one in (before, after)]
+    return (sides[1].log_likelihood - sides[0].log_likelihood).mean(0)
 
 
 def _frames(null: NullModel, chain: Chain, noise: Noise, *, curves: tuple[CurveLine, ...]) -> tuple[JudgeFrame, ...]:
@@ -168,23 +174,19 @@ def without_unconfirmed(verdict: Verdict) -> Verdict:
     )
 
 
-def with_mounting(verdict: Verdict, sure: tuple[Named, ...], others: tuple[Named, ...]) -> Verdict:
-    """The verdict with the effects of a mounting before what was named with them in place; `others` were found and not
-    confirmed."""
+def with_placed(verdict: Verdict, sure: tuple[Named, ...], others: tuple[Named, ...] = (), *, how: str) -> Verdict:
+    """The verdict with effects that were put in place first before what was named with them there, and a note on `how`
+    they were found; `others` were found and not confirmed."""
     if not sure and not others:
         return verdict
     names = ", ".join(effect.name for effect in (*sure, *others))
-    note = (
-        f"{names}: found by registering the ranges of both sides; everything else was asked, and the gap is shown, "
-        "with the simulated frames as seen from there"
-    )
     return replace(
         verdict,
-        # A mounting alone is an answer, too.
+        # What was put in place is an answer, too.
         verdict="named" if sure and verdict.verdict == "none" else verdict.verdict,
         effects=(*sure, *verdict.effects),
         unconfirmed=(*others, *verdict.unconfirmed),
-        notes=(*verdict.notes, note),
+        notes=(*verdict.notes, f"{names}: {how}"),
     )
 
 

@@ -155,6 +155,8 @@ def test_a_curve_that_both_sides_show_is_not_asked_again(monkeypatch):
     # Nor is one that is not to be asked at all, and nothing is said of it.
     unasked = answer.name_effects(whole, [], [], scene=np.arange(11), unasked=[("intensity", "range")])
     assert (unasked.verdict, unasked.mutual) == ("none", ())
+    # Nor where effects are confined to a part later.
+    assert said.unasked == unasked.unasked == (("intensity", "range"),)
 
 
 @pytest.mark.parametrize(("steps", "verdict"), [((), "none"), ((step(candidate("beam_gain", 8)),), "named")])
