@@ -17,6 +17,7 @@ Files in the order in which the data meets them:
     one_drive                    what is bound to directions, which sectors of a single drive cannot show
     covariates, find             on what the disagreement depends
     look_alikes, name, law       which effect it is; what no effect describes, as a law with a formula
+    contrast                     how far the sensor follows the simulator's contrast, which a learned one gets wrong
     add                          what was named, fitted together
     regimes, repeats             what acts in a part alone; what comes back at the same rows and columns
     show                         how far the sides are apart on unseen scenes, and what a report draws of them

@@ -141,6 +141,10 @@ class Division:
         """The same frames and scenes, of which other columns are looked at."""
         return replace(self, blocks=chosen, rays=cast(self.scan, chosen.frame, chosen.column))
 
+    def with_free_contrast(self) -> Division:
+        """The same, with how far the sensor follows the simulator's contrast left to a nuisance."""
+        return replace(self, simulator=replace(self.simulator, free_contrast=True))
+
     def blocks_of(self, names: Sequence[str]) -> tuple[Bool[np.ndarray, " b"], Int[np.ndarray, " k"]]:
         """Which blocks are of the named scenes, and of these the index of each one's scene among `names`."""
         order = {name: k for k, name in enumerate(names)}

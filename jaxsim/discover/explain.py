@@ -11,7 +11,7 @@ from jaxsim.discover.add import parameters_of
 from jaxsim.discover.division import Division
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
-from jaxsim.discover.model.random_effects import gain_and_classes
+from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
@@ -112,7 +112,7 @@ def nuisance_changes(null: Problem, choice: Choice, z: Sequence[dict[str, Any]])
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
     nuisances = [
-        np.asarray(gain_and_classes(one.ev, one.equations, one.ev.all_blocks)).tolist()
+        np.asarray(shared_levels(one.ev, one.equations, one.ev.all_blocks))[: -one.ev.after_kinds].tolist()
         for one in (null, choice.problem)
     ]
     changes |= {name: (a, b) for name, a, b in zip(["gain", *null.ev.kinds], *nuisances, strict=True)}
@@ -153,6 +153,12 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             f"the simulated frames have noise of their own ({noises}; read off neighbouring rays, so texture as "
             "fine as these is part of it): surfaces were made smooth, and compared is what the simulator means; "
             "effects count by what they explain between surfaces, ranges and angles. Frames without noise tell more"
+        )
+    if division.simulator.free_contrast:
+        lines.append(
+            "the sensor does not follow the simulator's contrast: slopes differ between cells, patches and surfaces, "
+            "which no law of the sensor explains (`contrast`); they are left free, and effects on intensities count by "
+            "what they explain along ranges, angles and rows and between classes"
         )
     if answer.mutual:
         lines.append(

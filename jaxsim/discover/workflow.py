@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import Added, add_effects, changes
+from jaxsim.discover.contrast import contrast_of_answer, contrast_off
 from jaxsim.discover.division import NOTHING_YET, Division
 from jaxsim.discover.explain import (
     named,
@@ -40,11 +41,14 @@ from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, 
 from jaxsim.discover.show import law_gains, sensor_of, show_gap, with_placed, without_unconfirmed
 from jaxsim.discover.show.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.verdict import Result, Verdict, Where
-from jaxsim.effects import EFFECTS, get_effect
+from jaxsim.effects import EFFECTS, Effect, get_effect
 from jaxsim.effects.chain import SensorModel
 
-HIDDEN_BY_NOISE = (("intensity", "rgb"), ("intensity", "hue angle"))
+HIDDEN_BY_NOISE = (("intensity", "rgb"), ("intensity", "hue"), ("intensity", "hue angle"))
 """What noise on the simulator's intensities hides of its surfaces, colours tell: a curve along these is no sensor's."""
+HIDDEN_BY_CONTRAST = (*HIDDEN_BY_NOISE, ("intensity", "intensity"), ("intensity", "power"))
+"""Where the sensor does not follow the simulator's contrast, readings regress to the mean, by a curve of their own: a
+curve along the intensity is no sensor's either."""
 
 
 def discover_folders(
@@ -117,21 +121,15 @@ def discover(
     catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
     without = ("intensity",) if unrelated_note else ()
-    # Of a simulator without noise the sides are no two readings of one street.
-    exchanged = cache(partial(Exchanged.of, comparison, found.null)) if division.simulator.noisy else None
-    answer = name_effects(
-        null,
-        catalogue,
-        found.single,
-        scene=found.null.scene,
-        nulls=nulls,
-        without=without,
-        unasked=HIDDEN_BY_NOISE if division.simulator.intensities is not None else (),
-        exchanged=exchanged,
-        noise_grows=cache(partial(range_noise_grows, comparison)),
-        leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
-        log=log,
-    )
+    asked = partial(answer_of, comparison, catalogue=catalogue, nulls=nulls, without=without, log=log)
+    answer, exchanged = asked(found)
+    contrast = None if unrelated_note else contrast_off(found.null, answer.choice)
+    if contrast:
+        log(f"the sensor does not follow the simulator's contrast ({contrast.total:.0f} nats): all is asked beside it")
+        division = division.with_free_contrast()
+        found = find_dependences(division, mounting.known)
+        null = found.null.problem
+        answer, exchanged = asked(found)
 
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
     divided = find_regimes(found.null, answer, without=without, log=log)
@@ -169,6 +167,7 @@ def discover(
         ranking=ranking(choice, why_not, bar=choice.bars.effect),
         nulls=answer.nulls,
         levels=levels,
+        contrast=contrast_of_answer(contrast, choice.problem) if contrast else None,
         objects=compare_objects(comparison),
         own=own_candidates(choice),
         learned=added.sensor.learned[len(mounting.known.learned) :],
@@ -194,6 +193,35 @@ def discover(
     standing = [(one.effect, one.fit.z) for one in added.refits if one.effect.plain_name in dict(sensor.effects)]
     sensor = replace(sensor, levels=missing(levels, made_by(null.ev, in_place(null, standing).ev)))
     return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, choice.first_ranking, shown.frames)
+
+
+def answer_of(
+    comparison: Comparison,
+    found: Dependences,
+    *,
+    catalogue: Sequence[Effect],
+    nulls: int,
+    without: Sequence[str],
+    log: Log,
+) -> tuple[Answer, Callable[[], Exchanged] | None]:
+    """What naming says of what was `found`, and the sides exchanged where the simulator has noise."""
+    null, simulator = found.null.problem, found.null.division.simulator
+    # Of a simulator without noise the sides are no two readings of one street.
+    exchanged = cache(partial(Exchanged.of, comparison, found.null)) if simulator.noisy else None
+    answer = name_effects(
+        null,
+        catalogue,
+        found.single,
+        scene=found.null.scene,
+        nulls=nulls,
+        without=without,
+        unasked=HIDDEN_BY_CONTRAST if simulator.free_contrast else HIDDEN_BY_NOISE if simulator.intensities else (),
+        exchanged=exchanged,
+        noise_grows=cache(partial(range_noise_grows, comparison)),
+        leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
+        log=log,
+    )
+    return answer, exchanged
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from jaxsim.files import write_text
 from jaxsim.report.accounts import could_show, learned, own_effects, residual_clouds, where_it_stood
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
 from jaxsim.report.charts import ticks, x_axis
-from jaxsim.report.evidence import curves, dependence_table, gap, levels, maps, moved, objects
+from jaxsim.report.evidence import contrast, curves, dependence_table, gap, levels, maps, moved, objects
 from jaxsim.report.named import named_effects, ranking_chart, repeats, unexplained
 from jaxsim.report.numbers import number
 from jaxsim.report.page import (
@@ -112,6 +112,7 @@ def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]
             EMPTY if outside else unexplained(verdict.unexplained, draw),
             could_show(verdict.sensitivity, [one.name for one in verdict.effects]),
             levels(verdict.levels),
+            contrast(verdict.contrast),
             objects(verdict.objects),
             moved(verdict),
             _scenes(verdict),

@@ -9,12 +9,23 @@ from markupsafe import Markup
 
 from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import CurveLine, Fidelity, Gained, Gap, Interval, Level, Result, Verdict, Where
+from jaxsim.discover.verdict import (
+    Contrast,
+    CurveLine,
+    Fidelity,
+    Gained,
+    Gap,
+    Interval,
+    Level,
+    Result,
+    Verdict,
+    Where,
+)
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, draw_maps, root_mean_square
 from jaxsim.report.numbers import number, percent, probability
 from jaxsim.report.page import EMPTY, DrawChart, below, file_name, join_parts, key, paragraph, section, shows, table
-from jaxsim.report.words import AXES, SIGN_WORDS, Axis, nuisance, nuisance_title
+from jaxsim.report.words import AXES, SIGN_WORDS, Axis, nuisance, nuisance_title, span
 
 NO_CHANGE = 0.005
 """A change below this share of the distance is none that matters, however sure its sign."""
@@ -138,6 +149,31 @@ def levels(compared: Sequence[Level]) -> Markup:
         "noise holds texture finer than its rays."
     )
     return section("Levels", paragraph(words) + table(["level", "simulated", "measured", "missing", ""], rows, text=1))
+
+
+SCALE_TITLES = {
+    "cells": "a cell, and the eight about it",
+    "patches": "these, and the patch about them",
+    "surfaces": "a cell, and what is usual of its class at its angle and range",
+}
+"""What is held against what on each scale of the simulator's contrast."""
+
+
+def contrast(told: Contrast | None) -> Markup:
+    """How far the sensor follows the simulator's contrast, where its slopes differ by scale."""
+    if told is None:
+        return EMPTY
+    rows = [[SCALE_TITLES[scale], number(one.value), span(one)] for scale, one in told.slopes.items()]
+    words = (
+        "A law of the sensor bends readings one by one, so that measured differences follow simulated ones by one "
+        "slope on every scale. Here they do not, and that is the simulator's error: what it learned or blurred is too "
+        "weak from cell to cell (above 1), and of the differences between surfaces of a class part is made up (below "
+        f"1). Scenes that were not fitted gained {number(told.gain.value)} nats each by it. All that is named was "
+        "asked with these slopes free: it counts by what it explains along ranges, angles and rows and between "
+        "classes, and no curve along intensities or colours was asked."
+    )
+    head = ["differences between", "measured over simulated", "90 % interval"]
+    return section("The simulator's contrast", paragraph(words) + table(head, rows, text=1))
 
 
 def objects(kinds: Sequence[Fidelity]) -> Markup:

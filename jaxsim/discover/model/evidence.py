@@ -24,8 +24,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter1d
 
 from jaxsim.discover.model.cast import STEEPEST_COSINE, Cast, RayIndex, Surfaces, cast, edges, ray_index, surfaces_of
+from jaxsim.discover.model.contrast import OF_DETAIL
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
-from jaxsim.discover.model.simulator import OF_DETAIL, AtRays, Meant, at_rays
+from jaxsim.discover.model.simulator import AtRays, Meant, at_rays
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.catalogue.edge_dropout import at_edge
 from jaxsim.effects.learned import hats
@@ -65,10 +66,11 @@ TERRAIN = (22,)
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
 """Standard deviation of a frame's pose: m along x, y, z and rad about them."""
 DETAIL_SD = 1.0
-"""Of how much more, or less, than a noisy simulator's detail the measured intensity follows it within a surface."""
+"""Of how much more, or less, than a simulator's detail (one with noise, or of free contrast) the measured intensity
+follows it."""
 AFTER_KINDS = 5
-"""Features behind the kinds: curvature, shift and the three of disagreeing normals; of a noisy simulator, its detail
-too."""
+"""Features behind the kinds: curvature, shift and the three of disagreeing normals; of a noisy simulator, or one
+of free contrast, its detail too."""
 
 
 class Kinds(NamedTuple):

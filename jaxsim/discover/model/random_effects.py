@@ -214,11 +214,12 @@ def _shared(
 
 
 @jax.jit
-def gain_and_classes(ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"]) -> Float[Array, " k"]:
-    """ln of the overall gain, and of each class's reflectance over the simulator's, classes in order."""
+def shared_levels(ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"]) -> Float[Array, " p"]:
+    """Coefficient of each feature in the `fitted` blocks together: first ln of the overall gain, then ln of each kind's
+    reflectance over the simulator's."""
     residual = ev.log_intensity - ev.rays.log_intensity
     _, _, right = _sums(ev, eq, residual)
-    return _shared(ev, eq, fitted, right=right)[: -ev.after_kinds]
+    return _shared(ev, eq, fitted, right=right)
 
 
 def frame_poses(

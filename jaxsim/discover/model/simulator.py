@@ -17,7 +17,8 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex, Surfaces
+from jaxsim.discover.model.cast import RayIndex, Surfaces
+from jaxsim.discover.model.contrast import FEWEST_OF_CLASS, class_trend, contrast_of
 from jaxsim.discover.model.noise_levels import BINS, Levels, cosine_of, filled, lattices_of, noise_levels
 from jaxsim.discover.model.smooth import Smooth, Smoothing, smooth_frames
 from jaxsim.discover.rules import RULES
@@ -25,10 +26,6 @@ from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.effects.scan import slopes_of
 from jaxsim.frame import Array
 
-OF_DETAIL = 3
-"""Features of a noisy simulator's detail: of bright surfaces, of dark ones, and of levels over their trend."""
-FEWEST_OF_CLASS = 60
-"""Rays of a class from which its dependence on angle and range is told."""
 NORMAL = 0.86
 """Scale that normal noise of standard deviation 1 adds, in squares, to a Student-t of 4 degrees that is fitted to the
 sum: 0.89 where the noise is weak, 0.83 where it is all."""
@@ -73,6 +70,8 @@ class Meant:
     """None where ranges are not noisy."""
     intensities: MeantIntensities | None = None
     """None where intensities are not noisy."""
+    free_contrast: bool = False
+    """Whether how far the sensor follows the contrast of intensities without noise is left to a nuisance."""
 
     @property
     def noisy(self) -> bool:
@@ -145,7 +144,8 @@ class AtRays:
     """What is known of the simulator's own noise, at the chosen rays."""
 
     detail: Float[Array, "b c r k"] | None
-    """ln I over the surface beside a ray, and of that surface over the trend of all its rays; None without noise."""
+    """ln I over the surface beside a ray, and of that surface over the trend of all its rays; without noise what
+    `contrast_of` says, where that is left free, or None."""
     excess: Float[Array, "#b #c #r"]
     """What noise adds to ln I, by the best guess."""
     over_trend: Float[Array, "#b #c #r"]
@@ -182,8 +182,11 @@ def at_rays(
         constant=np.float32(0.0 if simulator is None else simulator.measured_noise.intensity),
         own_constant=np.float32(noise.intensity),
     )
-    if simulator is None or simulator.intensities is None:
+    if simulator is None:
         return simulated
+    if simulator.intensities is None:
+        free = simulator.free_contrast
+        return replace(simulated, detail=contrast_of(scan, index, given_rad=given_rad)) if free else simulated
     intensities = simulator.intensities
     trusted = np.asarray(intensities.trusted)[index]
     level = np.asarray(intensities.level)[index].astype(float)
@@ -254,16 +257,7 @@ def trend(
 ) -> Float[np.ndarray, " n"]:
     """What the simulator says of ln I by class, angle and range, and by the mean of each surface: of so many rays that
     their noise is gone."""
-    # Powers of the cosine and of the range are lines in logarithms; squares let them bend.
-    slant = np.log(np.maximum(np.cos(incidence_rad), STEEPEST_COSINE))
-    far = np.log(np.maximum(range_m, 0.1))
-    design = np.stack([np.ones_like(slant), slant, slant**2, far, far**2], axis=-1)
-    result = np.empty(len(level))
-    for kind in np.unique(semantic):
-        of = semantic == kind
-        # A class of few rays says nothing of angles.
-        columns = design[of] if of.sum() >= FEWEST_OF_CLASS else design[of][:, :1]
-        result[of] = columns @ np.linalg.lstsq(columns, level[of], rcond=None)[0]
+    result = class_trend(level, semantic=semantic, incidence_rad=incidence_rad, range_m=range_m)
     # A surface's mean residual is its own brightness; what single rays have beyond it is noise or detail.
     _, at = np.unique(surface, return_inverse=True)
     return result + (np.bincount(at, level - result) / np.bincount(at))[at]

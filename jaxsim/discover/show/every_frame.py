@@ -123,6 +123,7 @@ def block_of(
     pieces = tuple(f"piece {k}" for k in range(len(new.frame)))
     noises = old.simulator.noise, old.simulator.measured_noise
     fresh = Division.of(part, chosen=replace(new, scene=pieces), parts=old.parts, noises=noises)
+    fresh = fresh.with_free_contrast() if old.simulator.free_contrast else fresh
     find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, is_find, strict=True) if keep)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
     fitted = np.concatenate([np.ones(int(is_find.sum())), np.zeros(len(new.frame))]).astype(np.float32)

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.verdict.parts import (
     ClosedLaw,
+    Contrast,
     CurveLine,
     Fidelity,
     Gained,
@@ -42,6 +43,7 @@ from jaxsim.frame import PolarGrid, in_notebook
 
 __all__ = [
     "ClosedLaw",
+    "Contrast",
     "CurveLine",
     "EveryFrame",
     "Fidelity",
@@ -122,6 +124,8 @@ class Verdict:
     """Where the bar was set on nulls of these very data."""
     levels: tuple[Level, ...] = ()
     """Noise, losses and lattices of both sides; empty where frames are not compared one by one (unpaired)."""
+    contrast: Contrast | None = None
+    """How far the sensor follows the simulator's contrast; None where it does, and where that was not asked."""
     objects: tuple[Fidelity, ...] = ()
     """Points and intensities a target; empty where the simulated frames have no classes, and unpaired."""
     own: tuple[OwnCandidate, ...] = ()

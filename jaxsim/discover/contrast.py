@@ -1,0 +1,59 @@
+"""Whether the sensor follows the simulator's contrast: what a learned simulator gets wrong, told apart from the sensor.
+
+An answer is held against the simulator's contrast on several scales (`model.contrast`): where scenes that were not
+fitted gain by slopes that differ between scales, and agree on it, no law of the sensor explains them. Then all is asked
+again with these slopes left to nuisances, so that an effect counts by what it does along ranges, angles and rows, and
+between classes. Of a simulator with noise on its intensities they are left free from the start (`model.simulator`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from jaxsim.discover.covariates import CURVES, with_columns
+from jaxsim.discover.division import NullModel
+from jaxsim.discover.model.contrast import OF_DETAIL, SCALES
+from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.random_effects import shared_levels
+from jaxsim.discover.name.candidates import Candidate, rank_effects
+from jaxsim.discover.name.select import Choice
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import clipped, fold_half_width
+from jaxsim.discover.verdict import Contrast, Interval
+
+SLOPES = CURVES["intensity"]
+"""The law by which contrast is asked: heights are differences of slopes."""
+
+
+def contrast_off(null: NullModel, choice: Choice) -> Candidate | None:
+    """The contrast as a candidate beside what was chosen, where it is accepted; None where the sensor follows the
+    simulator's contrast, or noise on intensities has left that free."""
+    division = null.division
+    if division.simulator.intensities is not None:
+        return None
+    ev, _ = division.with_free_contrast().evidence(division.parts.find)
+    columns = np.asarray(ev.features)[..., -OF_DETAIL:][np.asarray(ev.rays.hit)]
+    # Heights are thought to be of the curve's own scale, slopes of 1.
+    columns = columns / SLOPES.parameters["height"].scale
+    [candidate] = rank_effects(with_columns(choice.problem, columns), [SLOPES])
+    return candidate if candidate.accepted(max(choice.bars.effect, RULES.contrast_nats)) else None
+
+
+def contrast_of_answer(found: Candidate, problem: Problem) -> Contrast:
+    """What an answer says of the contrast that was `found`, `problem` being that of the answer, contrast left free."""
+    scene = np.asarray(problem.ev.scene)
+
+    def slopes(fitted: Any) -> np.ndarray:
+        return 1 + np.asarray(shared_levels(problem.ev, problem.equations, fitted))[-OF_DETAIL:]
+
+    whole = slopes(problem.ev.all_blocks)
+    without = np.stack([slopes((scene != one).astype(np.float32)) for one in np.unique(scene)])
+    half = fold_half_width(without)
+    of_scale = [Interval(float(v), float(v - h), float(v + h), "") for v, h in zip(whole, half, strict=True)]
+    return Contrast(
+        slopes=dict(zip(SCALES, of_scale, strict=True)),
+        gain=Interval.of_scenes(clipped(found.by_scene), "nats per scene"),
+        p_value=found.chance,
+    )

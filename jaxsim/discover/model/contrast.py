@@ -1,0 +1,93 @@
+"""A simulator's contrast: how its intensities differ from those beside them, and within a class.
+
+A law of the sensor bends readings one by one: its slope is the same for a surface against its neighbour, for two cells
+of one surface, and for two classes. What a simulator has learned, or blurred, or made up is not: a network's fine
+detail is too weak, and of the differences between surfaces of a class part is its own error, which the sensor does not
+follow. So a slope that depends on how far apart the compared cells are is the simulator's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import uniform_filter1d
+
+from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex
+from jaxsim.effects.places import spans_turn
+from jaxsim.effects.rays import FLOOR, Scan
+from jaxsim.frame import Array
+
+OF_DETAIL = 3
+"""Features of a simulator's detail: of one whose contrast is free, those of SCALES."""
+SCALES = ("cells", "patches", "surfaces")
+"""A cell over the 3 x 3 about it; these over PATCH_ROWS rows and PATCH_RAD about them; and a cell over what the
+simulator says of its class at this angle and range."""
+PATCH_ROWS, PATCH_RAD = 5, np.deg2rad(8.0)
+"""Half height and half width of a patch."""
+MOST_CONTRAST = 1.0
+"""Nats within which differences are held: one dark cell tells no slope."""
+FEWEST_OF_CLASS = 60
+"""Rays of a class from which its dependence on angle and range is told."""
+
+
+def contrast_of(
+    scan: Scan,
+    index: RayIndex,
+    *,
+    given_rad: Float[Array, "f r n"],
+) -> Float[np.ndarray, "b c r k"]:
+    """Differences of the simulated ln I at the chosen rays, nats, on each of SCALES; 0 where a ray reads
+    nothing."""
+    hit, light = np.asarray(scan.hit), np.log(np.maximum(np.asarray(scan.intensity, float), FLOOR))
+    azimuth = np.asarray(scan.grid.azimuth_rad, float)
+    step = np.median(np.abs(np.angle(np.exp(1j * np.diff(azimuth)))))
+    turns = bool(spans_turn(scan.grid))
+    # A cell without a reading says nothing of those beside it.
+    counts = hit & (light > np.log(FLOOR))
+    near = _mean_about(light, counts, (1, 1), turns=turns)
+    patch = _mean_about(light, counts, (PATCH_ROWS, max(2, round(PATCH_RAD / max(step, 1e-6)))), turns=turns)
+    there = counts[index]
+    over_class = np.zeros(there.shape)
+    own = light[index]
+    over_class[there] = own[there] - class_trend(
+        own[there],
+        semantic=np.asarray(scan.semantic)[index][there],
+        incidence_rad=np.asarray(given_rad)[index][there],
+        range_m=np.asarray(scan.range_m)[index][there],
+    )
+    contrast = np.stack([own - near[index], (near - patch)[index], over_class], axis=-1)
+    return np.where(there[..., None], np.clip(contrast, -MOST_CONTRAST, MOST_CONTRAST), 0).astype(np.float32)
+
+
+def _mean_about(
+    x: Float[np.ndarray, "f r n"], counts: Bool[np.ndarray, "f r n"], half: tuple[int, int], *, turns: bool
+) -> Float[np.ndarray, "f r n"]:
+    """The mean of x about each cell, so many rows and columns to each side, over cells that count."""
+
+    def smooth(a: Float[np.ndarray, "f r n"]) -> Float[np.ndarray, "f r n"]:
+        columns = min(2 * half[1] + 1, x.shape[2])
+        of_rows = uniform_filter1d(a, 2 * half[0] + 1, axis=1, mode="constant")
+        return uniform_filter1d(of_rows, columns, axis=2, mode="wrap" if turns else "constant")
+
+    return smooth(np.where(counts, x, 0.0)) / np.maximum(smooth(counts.astype(float)), 1e-6)
+
+
+def class_trend(
+    level: Float[np.ndarray, " n"],
+    *,
+    semantic: Int[np.ndarray, " n"],
+    incidence_rad: Float[np.ndarray, " n"],
+    range_m: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """What a simulator says of ln I, `level`, by class, angle and range."""
+    # Powers of the cosine and of the range are lines in logarithms; squares let them bend.
+    slant = np.log(np.maximum(np.cos(incidence_rad), STEEPEST_COSINE))
+    far = np.log(np.maximum(range_m, 0.1))
+    design = np.stack([np.ones_like(slant), slant, slant**2, far, far**2], axis=-1)
+    result = np.empty(len(level))
+    for kind in np.unique(semantic):
+        of = semantic == kind
+        # A class of few rays says nothing of angles.
+        columns = design[of] if of.sum() >= FEWEST_OF_CLASS else design[of][:, :1]
+        result[of] = columns @ np.linalg.lstsq(columns, level[of], rcond=None)[0]
+    return result

@@ -1,0 +1,64 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.contrast import OF_DETAIL, PATCH_RAD, PATCH_ROWS, SCALES, class_trend, contrast_of
+from tests.discover.noisy_street import COLUMNS, ROWS, scan
+
+
+def told_of(frames):
+    """The contrast of all rays, rows first."""
+    places = np.moveaxis(np.indices(np.asarray(frames.hit).shape), 2, 3)
+    index = places[0], places[1], places[2]
+    return np.moveaxis(contrast_of(frames, index, given_rad=np.asarray(frames.incidence_rad)), 1, 2)
+
+
+def mean_about(light, counts, row, column, half):
+    """The mean over a window about one cell of a full turn, cell by cell."""
+    of = []
+    for i in range(row - half[0], row + half[0] + 1):
+        for j in range(column - half[1], column + half[1] + 1):
+            if 0 <= i < ROWS and counts[i, j % COLUMNS]:
+                of.append(light[i, j % COLUMNS])
+    return np.mean(of)
+
+
+def test_cells_and_patches_are_held_against_what_returned_about_them():
+    frames, _ = scan(None, 1)
+    told = told_of(frames)
+    assert told.shape == (1, ROWS, COLUMNS, OF_DETAIL)
+    assert len(SCALES) == OF_DETAIL
+    counts = np.asarray(frames.hit)[0]
+    light = np.log(np.maximum(np.asarray(frames.intensity, float)[0], 1e-4))
+    patch = PATCH_ROWS, round(PATCH_RAD / (2 * np.pi / COLUMNS))
+    # Amid the street, at its top and bottom, and at the seam of the turn.
+    for row, column in ((12, 100), (ROWS - 1, 0), (9, COLUMNS - 1), (10, 240)):
+        assert counts[row, column]
+        near = mean_about(light, counts, row, column, (1, 1))
+        far = mean_about(light, counts, row, column, patch)
+        expected = [light[row, column] - near, near - far]
+        np.testing.assert_allclose(told[0, row, column, :2], np.clip(expected, -1, 1), atol=1e-5)
+
+
+def test_a_cell_without_a_reading_has_no_contrast_and_makes_none():
+    frames, _ = scan(None, 1)
+    intensity = np.array(frames.intensity)
+    intensity[0, 12, 100] = 0
+    dark = replace(frames, intensity=intensity)
+    before, after = told_of(frames), told_of(dark)
+    np.testing.assert_array_equal(after[0, 12, 100], 0)
+    np.testing.assert_allclose(after[0, 12, 101, :2], before[0, 12, 101, :2], atol=0.05)
+
+
+def test_surfaces_are_held_against_what_is_usual_of_their_class():
+    rng = np.random.default_rng(0)
+    n = 4000
+    angle, range_m, kind = rng.uniform(0, 1.2, n), rng.uniform(4, 50, n), rng.choice([7, 11], n)
+    usual = 0.8 * np.log(np.cos(angle)) - 1.5 * np.log(range_m) + np.where(kind == 7, -1.0, 0.2)
+    own = rng.normal(0, 0.2, n)
+    told = class_trend(usual + own, semantic=kind, incidence_rad=angle, range_m=range_m)
+    np.testing.assert_allclose(told, usual, atol=0.05)
+    # Of a class of few rays the mean alone is told.
+    few = class_trend(usual[:10], semantic=kind[:10] * 0, incidence_rad=angle[:10], range_m=range_m[:10])
+    assert few == pytest.approx(np.full(10, usual[:10].mean()))

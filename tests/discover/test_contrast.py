@@ -1,0 +1,82 @@
+"""Slopes of measured on simulated intensities by scale, of frames cast and disturbed in plain NumPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.contrast import contrast_of_answer, contrast_off
+from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.name.select import Choice, choose
+from jaxsim.discover.read import Comparison
+from jaxsim.effects import EFFECTS
+from tests.discover.noisy_street import comparison
+
+pytestmark = pytest.mark.usefixtures("standard_promotion")
+NOISE = {"share": 0.03, "range_m": 0.01}
+MADE_UP = 0.25
+"""Standard deviation of what a simulator makes up of ln I, in patches of cells."""
+
+
+def sides(*, made_up: float = 0.0, gamma: float = 1.0, frames: int = 12) -> Comparison:
+    """A street as a simulator renders it, which makes up patches of brightness of its own, frame by frame; and as a
+    sensor of this gamma reads it."""
+    one = comparison({}, NOISE, frames)
+    rng = np.random.default_rng(5)
+    intensity = np.asarray(one.scan.intensity)
+    rows, columns = intensity.shape[1:]
+    patches = rng.normal(0, made_up, (frames, -(-rows // 3), -(-columns // 12)))
+    patches = patches.repeat(3, axis=1)[:, :rows].repeat(12, axis=2)[:, :, :columns]
+    scan = replace(one.scan, intensity=(intensity * np.exp(patches)).astype(np.float32))
+    measured = replace(one.measured, intensity=np.asarray(one.measured.intensity) ** np.float32(gamma))
+    return replace(one, scan=scan, measured=measured)
+
+
+def null_of(of: Comparison, *, free: bool = False) -> NullModel:
+    division = Division.of(of)
+    return NullModel.of(division.with_free_contrast() if free else division)
+
+
+def nothing(null: NullModel) -> Choice:
+    return Choice((), (), null.problem)
+
+
+def test_a_sensor_that_follows_the_simulator_leaves_its_contrast_as_it_is():
+    null = null_of(sides())
+    assert contrast_off(null, nothing(null)) is None
+
+
+@pytest.mark.long
+def test_what_a_simulator_makes_up_is_found_and_told_by_scale():
+    of = sides(made_up=MADE_UP)
+    null = null_of(of)
+    found = contrast_off(null, nothing(null))
+    assert found is not None
+    told = contrast_of_answer(found, null_of(of, free=True).problem)
+    # Walls have a texture of 0.15 of their own, which the simulator knows: reliability, as errors in variables have it.
+    expected = 0.15**2 / (0.15**2 + MADE_UP**2)
+    assert told.slopes["surfaces"].value == pytest.approx(expected, abs=0.15)
+    assert told.slopes["surfaces"].low < told.slopes["surfaces"].value < told.slopes["surfaces"].high
+    assert told.p_value < 0.05
+
+
+@pytest.mark.long
+def test_what_a_simulator_makes_up_is_no_gamma():
+    gamma = EFFECTS["gamma_response"]
+    of = sides(made_up=MADE_UP)
+    assert choose(null_of(of).problem, [gamma]).steps
+    assert not choose(null_of(of, free=True).problem, [gamma]).steps
+
+
+@pytest.mark.long
+def test_a_gamma_has_one_slope_on_every_scale_and_leaves_the_contrast_alone():
+    null = null_of(sides(gamma=0.7))
+    assert contrast_off(null, nothing(null)) is not None
+    choice = choose(null.problem, [EFFECTS["gamma_response"]])
+    assert choice.steps
+    assert contrast_off(null, choice) is None
+
+
+def test_noise_on_intensities_has_left_the_contrast_free_already():
+    null = null_of(comparison({"share": 0.06, "constant": 0.008}, NOISE, 12))
+    assert contrast_off(null, nothing(null)) is None
