@@ -311,8 +311,8 @@ class Rules:
 
     # Add and show: parameters, and the gap on judge scenes.
     interval_widening: float = 1.4
-    """Half widths of parameters' intervals are multiplied by this: the laws of a real sensor are not quite those of
-    the catalogue. Set on development cases, whose laws differ from the catalogue's too."""
+    """Half widths of parameters' intervals are multiplied by this, for the laws of a sensor are not quite those of
+    the catalogue, nor were those of the development cases that it was set on."""
     not_worse_share: float = 0.01
     """Share of its distance by which a channel may grow and still count as not worse."""
     most_off_m: float = 1.0
@@ -362,8 +362,7 @@ class Rules:
     unpaired_fewest_rows: int = 3
     """Such rows below which they are not."""
     unpaired_usual_losses: float = 0.02
-    """Share of rays on smooth surfaces that may be lost for reasons that only paired frames tell apart (weak echoes at
-    grazing angles, small gaps). Development cases without an effect reach 1.1 %."""
+    """Share of rays on smooth surfaces that may be lost for reasons that only paired frames tell apart (nulls: 1.1 %)."""
     unpaired_hidden_share: float = 0.5
     """Share of a side's frames in which a column is empty, from where it belongs to a hidden sector."""
     unpaired_smooth_share: float = 0.05

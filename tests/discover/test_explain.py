@@ -45,11 +45,12 @@ def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
     assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
 
 
-def told(*steps, semantic=None, **more):
+def told(*steps, semantic=None, free_contrast=False, **more):
     """The notes of an answer on frames of which nothing else must be known."""
     scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
     comparison = SimpleNamespace(notes=(), scenes=("a", "b"), scan=scan)
-    division = SimpleNamespace(parts=SimpleNamespace(judge=("a",) * 5), simulator=SimpleNamespace(noise=Levels()))
+    simulator = SimpleNamespace(noise=Levels(), free_contrast=free_contrast)
+    division = SimpleNamespace(parts=SimpleNamespace(judge=("a",) * 5), simulator=simulator)
     return inspect.unwrap(notes)(comparison, division, Answer("named", Choice(steps, (), problem()), None, **more))
 
 
@@ -58,6 +59,11 @@ def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
     [note] = told(unconfirmed=("intensity along range",))
     assert note.startswith("not confirmed on unseen scenes: intensity along range ")
     assert note.endswith("it is not added")
+
+
+def test_a_contrast_that_is_left_free_is_told():
+    [note] = told(free_contrast=True)
+    assert note.startswith("the sensor does not follow the simulator's contrast")
 
 
 def test_a_fall_with_the_range_is_told_to_be_doubtful_where_no_class_tells_surfaces_apart():

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxsim.discover.verdict import (
+    Contrast,
     CurveLine,
     Gained,
     Gap,
@@ -130,6 +131,13 @@ def none() -> Result:
     )
     flat = maps(np.zeros((ROWS, 1)))
     return replace(result, verdict=verdict, sensor=SensorModel(), maps_before=flat, maps_after=flat, curves=())
+
+
+def contrast() -> Contrast:
+    """A simulator that blurs, and makes up most of what differs within a class."""
+    slopes = {"cells": (1.38, 1.3, 1.46), "patches": (1.0, 0.9, 1.1), "surfaces": (0.2, 0.15, 0.25)}
+    told = {scale: Interval(*ends, unit="") for scale, ends in slopes.items()}
+    return Contrast(told, Interval(40.0, 30.0, 50.0, "nats per scene"), 0.01)
 
 
 def not_in_catalogue() -> Result:

@@ -104,3 +104,14 @@ def test_targets_show_errors_and_their_sign():
     assert "−35.8 %" in page
     assert "−38.1 to −33.5" in page
     assert not objects([])
+
+
+def test_slopes_of_the_simulators_contrast_stand_with_their_intervals(tmp_path: Path):
+    result = results.none()
+    assert "The simulator&#39;s contrast" not in page(tmp_path / "follows", result)
+    off = replace(result, verdict=replace(result.verdict, contrast=results.contrast()))
+    told = page(tmp_path / "off", off)
+    assert "The simulator&#39;s contrast" in told
+    assert "what is usual of its class" in told
+    assert "0.150 to 0.250" in told
+    assert "gained 40.0 nats each" in told

@@ -58,3 +58,10 @@ def test_what_repeats_is_in_the_sentence():
     assert verdict_sentence(beside).endswith(f"periodic dependence of intensity on range. Besides, {ripple}")
     named = replace(results.named().verdict, repeats=found.repeats)
     assert verdict_sentence(named).endswith(f"Besides, {ripple}")
+
+
+def test_what_the_simulator_gets_wrong_is_told_apart_from_what_it_lacks():
+    told = verdict_sentence(replace(results.none().verdict, contrast=results.contrast()))
+    assert told.startswith("No missing effect was found")
+    assert "by 1.38 from cell to cell and by 0.200 between surfaces of a class: the simulator's error" in told
+    assert "simulator's error" not in verdict_sentence(results.none().verdict)
