@@ -362,7 +362,7 @@ class Rules:
     unpaired_fewest_rows: int = 3
     """Such rows below which they are not."""
     unpaired_usual_losses: float = 0.02
-    """Share of rays on smooth surfaces that may be lost for reasons that only paired frames tell apart (nulls: 1.1 %)."""
+    """Share of rays on smooth surfaces that may be lost for what only paired frames tell apart (nulls: 1.1 %)."""
     unpaired_hidden_share: float = 0.5
     """Share of a side's frames in which a column is empty, from where it belongs to a hidden sector."""
     unpaired_smooth_share: float = 0.05
