@@ -38,36 +38,40 @@ def contrast_of(
 ) -> Float[np.ndarray, "b c r k"]:
     """Differences of the simulated ln I at the chosen rays, nats, on each of SCALES; 0 where a ray reads
     nothing."""
-    hit, light = np.asarray(scan.hit), np.log(np.maximum(np.asarray(scan.intensity, float), FLOOR))
+    light = np.log(np.maximum(np.asarray(scan.intensity), FLOOR))
+    # A cell without a reading says nothing of those beside it.
+    counts = np.asarray(scan.hit) & (light > np.log(FLOOR))
     azimuth = np.asarray(scan.grid.azimuth_rad, float)
     step = np.median(np.abs(np.angle(np.exp(1j * np.diff(azimuth)))))
+    patch = PATCH_ROWS, max(2, round(PATCH_RAD / max(step, 1e-6)))
     turns = bool(spans_turn(scan.grid))
-    # A cell without a reading says nothing of those beside it.
-    counts = hit & (light > np.log(FLOOR))
-    near = _mean_about(light, counts, (1, 1), turns=turns)
-    patch = _mean_about(light, counts, (PATCH_ROWS, max(2, round(PATCH_RAD / max(step, 1e-6)))), turns=turns)
-    there = counts[index]
-    over_class = np.zeros(there.shape)
-    own = light[index]
-    over_class[there] = own[there] - class_trend(
-        own[there],
+    there, own = counts[index], light[index]
+    contrast = np.zeros((*there.shape, OF_DETAIL), np.float32)
+    # Frame by frame: the means of hundreds of frames would not fit beside these.
+    for k, (frame, row, column) in enumerate(zip(*index, strict=True)):
+        of = frame.flat[0]
+        near, far = (_mean_about(light[of], counts[of], half, turns=turns) for half in ((1, 1), patch))
+        at = row, column
+        contrast[k, ..., 0] = own[k] - near[at]
+        contrast[k, ..., 1] = near[at] - far[at]
+    contrast[there, 2] = own[there] - class_trend(
+        own[there].astype(float),
         semantic=np.asarray(scan.semantic)[index][there],
         incidence_rad=np.asarray(given_rad)[index][there],
         range_m=np.asarray(scan.range_m)[index][there],
     )
-    contrast = np.stack([own - near[index], (near - patch)[index], over_class], axis=-1)
-    return np.where(there[..., None], np.clip(contrast, -MOST_CONTRAST, MOST_CONTRAST), 0).astype(np.float32)
+    return np.where(there[..., None], np.clip(contrast, -MOST_CONTRAST, MOST_CONTRAST), 0)
 
 
 def _mean_about(
-    x: Float[np.ndarray, "f r n"], counts: Bool[np.ndarray, "f r n"], half: tuple[int, int], *, turns: bool
-) -> Float[np.ndarray, "f r n"]:
+    x: Float[np.ndarray, "r n"], counts: Bool[np.ndarray, "r n"], half: tuple[int, int], *, turns: bool
+) -> Float[np.ndarray, "r n"]:
     """The mean of x about each cell, so many rows and columns to each side, over cells that count."""
 
-    def smooth(a: Float[np.ndarray, "f r n"]) -> Float[np.ndarray, "f r n"]:
-        columns = min(2 * half[1] + 1, x.shape[2])
-        of_rows = uniform_filter1d(a, 2 * half[0] + 1, axis=1, mode="constant")
-        return uniform_filter1d(of_rows, columns, axis=2, mode="wrap" if turns else "constant")
+    def smooth(a: Float[np.ndarray, "r n"]) -> Float[np.ndarray, "r n"]:
+        columns = min(2 * half[1] + 1, x.shape[1])
+        of_rows = uniform_filter1d(a, 2 * half[0] + 1, axis=0, mode="constant")
+        return uniform_filter1d(of_rows, columns, axis=1, mode="wrap" if turns else "constant")
 
     return smooth(np.where(counts, x, 0.0)) / np.maximum(smooth(counts.astype(float)), 1e-6)
 
