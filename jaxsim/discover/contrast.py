@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxsim.discover.covariates import CURVES, with_columns
 from jaxsim.discover.division import NullModel
-from jaxsim.discover.model.contrast import OF_DETAIL, SCALES
+from jaxsim.discover.model.contrast import SCALES
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.candidates import Candidate, rank_effects
@@ -34,7 +34,7 @@ def contrast_off(null: NullModel, choice: Choice) -> Candidate | None:
     if division.simulator.intensities is not None:
         return None
     ev, _ = division.with_free_contrast().evidence(division.parts.find)
-    columns = np.asarray(ev.features)[..., -OF_DETAIL:][np.asarray(ev.rays.hit)]
+    columns = np.asarray(ev.features)[..., -len(SCALES) :][np.asarray(ev.rays.hit)]
     # Heights are thought to be of the curve's own scale, slopes of 1.
     columns = columns / SLOPES.parameters["height"].scale
     [candidate] = rank_effects(with_columns(choice.problem, columns), [SLOPES])
@@ -46,7 +46,7 @@ def contrast_of_answer(found: Candidate, problem: Problem) -> Contrast:
     scene = np.asarray(problem.ev.scene)
 
     def slopes(fitted: Any) -> np.ndarray:
-        return 1 + np.asarray(shared_levels(problem.ev, problem.equations, fitted))[-OF_DETAIL:]
+        return 1 + np.asarray(shared_levels(problem.ev, problem.equations, fitted))[-len(SCALES) :]
 
     whole = slopes(problem.ev.all_blocks)
     without = np.stack([slopes((scene != one).astype(np.float32)) for one in np.unique(scene)])

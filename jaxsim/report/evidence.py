@@ -154,7 +154,8 @@ def levels(compared: Sequence[Level]) -> Markup:
 SCALE_TITLES = {
     "cells": "a cell, and the eight about it",
     "patches": "these, and the patch about them",
-    "surfaces": "a cell, and what is usual of its class at its angle and range",
+    "dark_surfaces": "a cell, and what is usual of its class at its angle and range: of dark surfaces",
+    "bright_surfaces": "the same of bright surfaces",
 }
 """What is held against what on each scale of the simulator's contrast."""
 

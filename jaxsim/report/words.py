@@ -163,7 +163,8 @@ def _together(verdict: Verdict) -> str:
         slopes = {scale: number(one.value) for scale, one in verdict.contrast.slopes.items()}
         words += (
             f" The sensor follows the simulator's differences of ln I by {slopes['cells']} from cell to cell and by "
-            f"{slopes['surfaces']} between surfaces of a class: the simulator's error, beside which all was asked."
+            f"{slopes['bright_surfaces']} between bright surfaces of a class: the simulator's error, beside which all "
+            "was asked."
         )
     if told and told.other_moments:
         words += " The measured frames are of other moments than the simulated ones."

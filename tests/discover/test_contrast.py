@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jaxsim.discover import discover
 from jaxsim.discover.contrast import contrast_of_answer, contrast_off
 from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.model.contrast import SCALES
 from jaxsim.discover.name.select import Choice, choose
 from jaxsim.discover.read import Comparison
 from jaxsim.effects import EFFECTS
-from tests.discover.noisy_street import comparison
+from tests.discover.noisy_street import TEXTURE, comparison
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 NOISE = {"share": 0.03, "range_m": 0.01}
@@ -53,10 +55,13 @@ def test_what_a_simulator_makes_up_is_found_and_told_by_scale():
     found = contrast_off(null, nothing(null))
     assert found is not None
     told = contrast_of_answer(found, null_of(of, free=True).problem)
-    # Walls have a texture of 0.15 of their own, which the simulator knows: reliability, as errors in variables have it.
-    expected = 0.15**2 / (0.15**2 + MADE_UP**2)
-    assert told.slopes["surfaces"].value == pytest.approx(expected, abs=0.15)
-    assert told.slopes["surfaces"].low < told.slopes["surfaces"].value < told.slopes["surfaces"].high
+    # Walls have a texture of their own, which the simulator knows, and the road has none: reliability, as errors in
+    # variables have it.
+    bright, dark = told.slopes["bright_surfaces"], told.slopes["dark_surfaces"]
+    expected = TEXTURE[11] ** 2 / (TEXTURE[11] ** 2 + MADE_UP**2)
+    assert bright.value == pytest.approx(expected, abs=0.1)
+    assert bright.low < bright.value < bright.high
+    assert dark.value == pytest.approx(0, abs=0.1)
     assert told.p_value < 0.05
 
 
@@ -75,6 +80,17 @@ def test_a_gamma_has_one_slope_on_every_scale_and_leaves_the_contrast_alone():
     choice = choose(null.problem, [EFFECTS["gamma_response"]])
     assert choice.steps
     assert contrast_off(null, choice) is None
+
+
+@pytest.mark.long
+def test_an_answer_tells_the_contrast_and_names_nothing_in_its_place():
+    verdict = discover(sides(made_up=MADE_UP), effects=["gamma_response", "intensity_offset"]).verdict
+    assert (verdict.verdict, verdict.effects) == ("none", ())
+    assert verdict.contrast is not None
+    told = verdict.to_json()["contrast"]
+    assert list(told["slopes"]) == list(SCALES)
+    assert told["slopes"]["bright_surfaces"]["high"] < 0.6
+    assert any("does not follow the simulator's contrast" in note for note in verdict.notes)
 
 
 def test_noise_on_intensities_has_left_the_contrast_free_already():

@@ -17,11 +17,13 @@ from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.frame import Array
 
-OF_DETAIL = 3
-"""Features of a simulator's detail: of one whose contrast is free, those of SCALES."""
-SCALES = ("cells", "patches", "surfaces")
+SCALES = ("cells", "patches", "dark_surfaces", "bright_surfaces")
 """A cell over the 3 x 3 about it; these over PATCH_ROWS rows and PATCH_RAD about them; and a cell over what the
-simulator says of its class at this angle and range."""
+simulator says of its class at this angle and range: of dark surfaces, for which more of it may be made up, and of
+bright ones."""
+DARK_AND_BRIGHT = (0.1, 0.9)
+"""Quantiles of what the simulator says of classes, in ln I, up to which a surface is dark and from which it is bright;
+between them it is partly both."""
 PATCH_ROWS, PATCH_RAD = 5, np.deg2rad(8.0)
 """Half height and half width of a patch."""
 MOST_CONTRAST = 1.0
@@ -46,7 +48,7 @@ def contrast_of(
     patch = PATCH_ROWS, max(2, round(PATCH_RAD / max(step, 1e-6)))
     turns = bool(spans_turn(scan.grid))
     there, own = counts[index], light[index]
-    contrast = np.zeros((*there.shape, OF_DETAIL), np.float32)
+    contrast = np.zeros((*there.shape, len(SCALES)), np.float32)
     # Frame by frame: the means of hundreds of frames would not fit beside these.
     for k, (frame, row, column) in enumerate(zip(*index, strict=True)):
         of = frame.flat[0]
@@ -54,12 +56,17 @@ def contrast_of(
         at = row, column
         contrast[k, ..., 0] = own[k] - near[at]
         contrast[k, ..., 1] = near[at] - far[at]
-    contrast[there, 2] = own[there] - class_trend(
-        own[there].astype(float),
-        semantic=np.asarray(scan.semantic)[index][there],
-        incidence_rad=np.asarray(given_rad)[index][there],
-        range_m=np.asarray(scan.range_m)[index][there],
-    )
+    if there.any():
+        usual = class_trend(
+            own[there].astype(float),
+            semantic=np.asarray(scan.semantic)[index][there],
+            incidence_rad=np.asarray(given_rad)[index][there],
+            range_m=np.asarray(scan.range_m)[index][there],
+        )
+        dark, bright = np.quantile(usual, DARK_AND_BRIGHT)
+        share = np.clip((usual - dark) / max(bright - dark, 1e-6), 0, 1)
+        over = np.clip(own[there] - usual, -MOST_CONTRAST, MOST_CONTRAST)
+        contrast[there, 2:] = np.stack([over * (1 - share), over * share], axis=-1)
     return np.where(there[..., None], np.clip(contrast, -MOST_CONTRAST, MOST_CONTRAST), 0)
 
 

@@ -24,7 +24,6 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter1d
 
 from jaxsim.discover.model.cast import STEEPEST_COSINE, Cast, RayIndex, Surfaces, cast, edges, ray_index, surfaces_of
-from jaxsim.discover.model.contrast import OF_DETAIL
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
 from jaxsim.discover.model.simulator import AtRays, Meant, at_rays
 from jaxsim.discover.rules import RULES
@@ -240,10 +239,11 @@ def gather(
         per_ray=per_ray,
         kinds=kinds.share,
     )
+    details = 0 if per_ray.detail is None else per_ray.detail.shape[-1]
     ev = Evidence(
         **fields,
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
-        ridge=_ridge(len(kinds.names), detail=per_ray.detail is not None),
+        ridge=_ridge(len(kinds.names), details=details),
         strip=surfaces.strip,
         surface=surfaces.surface,
         precision=surfaces.precision,
@@ -252,7 +252,7 @@ def gather(
         own_step=per_ray.step,
         scenes=int(scene.max()) + 1,
         kinds=kinds.names,
-        after_kinds=AFTER_KINDS + (0 if per_ray.detail is None else OF_DETAIL),
+        after_kinds=AFTER_KINDS + details,
     )
     return jax.device_put(ev)
 
@@ -388,8 +388,8 @@ def _features(
     return jnp.stack([jnp.ones_like(given), *jnp.moveaxis(kinds, -1, 0), curvature, shift, *disagreements], axis=-1)
 
 
-def _ridge(kinds: int, *, detail: bool) -> Float[np.ndarray, " p"]:
-    """`Evidence.ridge` for so many kinds of surfaces, with the detail of a noisy simulator or without."""
+def _ridge(kinds: int, *, details: int) -> Float[np.ndarray, " p"]:
+    """`Evidence.ridge` for so many kinds of surfaces and features of a simulator's detail."""
     others = [1 / CURVATURE_SD**2, 1 / SHIFT_SD**2, *[1 / NORMALS_SD**2] * 3]
-    of_detail = [1 / DETAIL_SD**2] * OF_DETAIL if detail else []
+    of_detail = [1 / DETAIL_SD**2] * details
     return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others, *of_detail], np.float32)

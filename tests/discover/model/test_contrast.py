@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.contrast import OF_DETAIL, PATCH_RAD, PATCH_ROWS, SCALES, class_trend, contrast_of
+from jaxsim.discover.model.contrast import PATCH_RAD, PATCH_ROWS, SCALES, class_trend, contrast_of
 from tests.discover.noisy_street import COLUMNS, ROWS, scan
 
 
@@ -27,8 +27,7 @@ def mean_about(light, counts, row, column, half):
 def test_cells_and_patches_are_held_against_what_returned_about_them():
     frames, _ = scan(None, 1)
     told = told_of(frames)
-    assert told.shape == (1, ROWS, COLUMNS, OF_DETAIL)
-    assert len(SCALES) == OF_DETAIL
+    assert told.shape == (1, ROWS, COLUMNS, len(SCALES))
     counts = np.asarray(frames.hit)[0]
     light = np.log(np.maximum(np.asarray(frames.intensity, float)[0], 1e-4))
     patch = PATCH_ROWS, round(PATCH_RAD / (2 * np.pi / COLUMNS))
