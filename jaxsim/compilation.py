@@ -20,7 +20,7 @@ def enable_compilation_cache() -> None:
     if folder:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
-    # Of a short run a tenth went into noting where in the source each operation stands, which nobody reads.
+    # To note where in the source each operation stands takes much of a short run, and nobody reads it.
     jax.config.update("jax_traceback_in_locations_limit", 0)
 
 

@@ -116,7 +116,7 @@ def test_the_interval_of_a_difference_without_scatter_is_a_point():
 
 @pytest.mark.parametrize("values", [1000, 4])
 def test_correlations_of_ranks_are_spearmans_with_ties_too(values):
-    first, second = np.random.default_rng(values).integers(0, values, (2, 50))
+    first, second = np.random.default_rng(values).integers(0, values, (2, 50)).astype(float)
     assert rank_correlation(first, first + second) == pytest.approx(spearmanr(first, first + second)[0], abs=1e-12)
 
 
