@@ -15,6 +15,8 @@ from jaxsim.config.ranges import Whole
 if TYPE_CHECKING:
     from jaxsim.cli.gates import Compared
     from jaxsim.discover.verdict import Verdict
+else:
+    Compared = Verdict = Any  # names that annotations can be looked up by
 
 _log = logging.getLogger(__name__).info
 
