@@ -20,6 +20,8 @@ def enable_compilation_cache() -> None:
     if folder:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    # To note where in the source each operation stands takes much of a short run, and nobody reads it.
+    jax.config.update("jax_traceback_in_locations_limit", 0)
 
 
 def cache_folder(kind: str = "xla") -> Path | None:

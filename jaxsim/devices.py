@@ -6,6 +6,7 @@ shared disk is needed and a checkpoint fits any number of devices.
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import re
@@ -32,6 +33,8 @@ WHOLE = PartitionSpec()
 CUT = PartitionSpec(DATA)
 SILENT_S = 20
 """Seconds without a sign of life after which a process counts as dead, and the others end."""
+SELDOM = 100_000
+"""Objects made since the last collection after which Python collects garbage next, of `by_small_steps`."""
 _OF_ANOTHER = re.compile(r"gloo|nccl|heartbeat|barrier|coordination|connection|UNAVAILABLE|DEADLINE", re.IGNORECASE)
 """What the layers between processes say when one of them is gone."""
 
@@ -172,15 +175,26 @@ def by_small_steps(function: Callable[P, R]) -> Callable[P, R]:
 
     It computes on the CPU wherever JAX has one: a GPU begins such a program later than a CPU ends it, and adds up in no
     fixed order (docs/benchmarks.md). JAX_PLATFORMS=cuda leaves JAX no CPU. NumPy's linear algebra is on one thread, for
-    BLAS's threads spin against XLA's for the same cores.
+    BLAS's threads spin against XLA's for the same cores. Garbage is collected seldom: the collector goes through all
+    that JAX made of its programs, again and again, and finds little.
     """
 
     @wraps(function)
     def run(*args: P.args, **named: P.kwargs) -> R:
-        with _on_cpu(), threadpool_limits(limits=1, user_api="blas"):
+        with _on_cpu(), _seldom_collected(), threadpool_limits(limits=1, user_api="blas"):
             return function(*args, **named)
 
     return run
+
+
+@contextmanager
+def _seldom_collected() -> Iterator[None]:
+    before = gc.get_threshold()
+    gc.set_threshold(SELDOM, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 @contextmanager

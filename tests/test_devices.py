@@ -1,5 +1,6 @@
 """Devices that share a batch: virtual ones of one process, and those of two processes on this machine."""
 
+import gc
 import json
 import os
 import socket
@@ -175,6 +176,12 @@ def test_nothing_reaches_for_devices_before_the_processes_have_met():
     """`jax.distributed` must come first, and importing all of the program must not use JAX."""
     code = "import train; from jax._src import xla_bridge; assert not xla_bridge.backends_are_initialized()"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+
+
+def test_garbage_is_collected_seldom_inside_and_as_before_after():
+    before = gc.get_threshold()
+    assert by_small_steps(gc.get_threshold)()[0] == devices.SELDOM
+    assert gc.get_threshold() == before
 
 
 def blas_threads() -> list[int]:

@@ -6,20 +6,17 @@ import logging
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jaxsim.cli.flags import EffectFiles
-from jaxsim.cli.gates import EXIT, Compared, ask_gate, check_flags, make_gate
 from jaxsim.cli.sides import Sides, check_unpaired
 from jaxsim.config.ranges import Whole
-from jaxsim.data.polar_frames import read_grid
-from jaxsim.discover import discover_folders, discover_unpaired
-from jaxsim.discover.gate import quick_distances
-from jaxsim.discover.verdict import Verdict
-from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.own import known_effects
-from jaxsim.report.discovery import write_answer
-from jaxsim.report.words import verdict_sentence
+
+if TYPE_CHECKING:
+    from jaxsim.cli.gates import Compared
+    from jaxsim.discover.verdict import Verdict
+else:
+    Compared = Verdict = Any  # names that annotations can be looked up by
 
 _log = logging.getLogger(__name__).info
 
@@ -68,10 +65,13 @@ class Discover(Sides):
 
     @property
     def failure(self) -> int:
-        """The exit status where it fails: with a gate 1 is a gap."""
-        return EXIT["unsure"] if self.gate else 1
+        """The exit status where it fails: with a gate 1 is a gap, and 2 what could not be judged (`gates.EXIT`)."""
+        return 2 if self.gate else 1
 
     def __call__(self) -> None:
+        # All that computes waits until the flags are known: a command line that is refused need not.
+        from jaxsim.cli.gates import ask_gate, check_flags, make_gate
+
         check_flags(self.gate, self.write_gate, fast=self.fast)
         if self.gate:
             sys.exit(ask_gate(self.gate, self.out, self.compare))
@@ -80,11 +80,20 @@ class Discover(Sides):
             make_gate(self.write_gate, self.out, shown)
 
     def compare(self) -> Compared:
+        from jaxsim.discover.gate import quick_distances
+
         check_unpaired(vars(self))
         return quick_distances(*self.folders()) if self.fast else self.answer()
 
     def answer(self) -> Verdict:
         """The whole answer, written to `out`."""
+        from jaxsim.data.polar_frames import read_grid
+        from jaxsim.discover import discover_folders, discover_unpaired
+        from jaxsim.effects.chain import SensorModel
+        from jaxsim.effects.own import known_effects
+        from jaxsim.report.discovery import write_answer
+        from jaxsim.report.words import verdict_sentence
+
         known_effects(self.effects_from)
         simulated, measured = self.folders()
         _log(f"reading {simulated} and {measured}")

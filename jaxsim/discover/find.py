@@ -18,13 +18,12 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats import rankdata
 
 from jaxsim.discover.covariates import COVARIATES, Dependence, curve_basis, spelled, values_of
 from jaxsim.discover.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import best_of_gains, chance_of_best
+from jaxsim.discover.scenes import best_of_gains, chance_of_best, rank_correlation
 from jaxsim.discover.verdict import Where
 from jaxsim.effects.chain import SensorModel
 
@@ -148,9 +147,8 @@ def reported(dependences: Iterable[Dependence]) -> list[Dependence]:
 
 def _one_clock(rays: Any, counts: np.ndarray) -> bool:
     """Whether the time within the scan and the azimuth are one covariate, as in a steady turn: it is called azimuth."""
-    time = rankdata(values_of("time", rays, counts))
-    azimuth = rankdata(values_of("azimuth", rays, counts))
-    return abs(float(np.corrcoef(time, azimuth)[0, 1])) > RULES.one_clock
+    time, azimuth = values_of("time", rays, counts), values_of("azimuth", rays, counts)
+    return abs(rank_correlation(time, azimuth)) > RULES.one_clock
 
 
 def _scene_index(scene: Int[np.ndarray, " b"], counts: Bool[np.ndarray, "b c r"]) -> Int[np.ndarray, " n"]:

@@ -146,6 +146,15 @@ def best_of_gains(gains: Float[np.ndarray, "c s"]) -> tuple[int, float]:
     return best, float((1 + np.sum(by_chance >= agreement[best])) / (1 + RULES.sign_draws))
 
 
+def rank_correlation(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
+    """Spearman's: the correlation of ranks; what is equal shares the mean of its ranks."""
+    ranks = []
+    for values in (first, second):
+        _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+        ranks.append((np.cumsum(count) - count / 2)[place])
+    return float(np.corrcoef(*ranks)[0, 1])
+
+
 def difference_interval(
     first: Float[np.ndarray, " s"], second: Float[np.ndarray, " t"], *, level: float = RULES.interval_level
 ) -> tuple[float, float]:

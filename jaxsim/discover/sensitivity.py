@@ -26,7 +26,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats import spearmanr
 
 from jaxsim.discover.look_alikes import visible
 from jaxsim.discover.model.evidence import Evidence
@@ -37,7 +36,7 @@ from jaxsim.discover.model.noise import DEGREES, MOST, Noise, reading_variance
 from jaxsim.discover.model.parameters import fitted_parameters, to_z
 from jaxsim.discover.model.random_effects import POSE_MOST, NormalEquations, pose_shift, reflectance
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped, p_value
+from jaxsim.discover.scenes import clipped, p_value, rank_correlation
 from jaxsim.discover.verdict import Sensitivity
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays
@@ -304,7 +303,7 @@ def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray
         simulated = np.bincount(group, ours[of == one])[enough] / size[enough]
         alike = enough.sum() < RULES.related_surfaces or min(np.ptp(measured), np.ptp(simulated)) < 1e-6
         # Ranks: a gamma or a gain of the sensor leaves them as they are.
-        correlation.append(np.nan if alike else spearmanr(measured, simulated)[0])
+        correlation.append(np.nan if alike else rank_correlation(measured, simulated))
     return np.array(correlation)
 
 

@@ -61,7 +61,7 @@ def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeyp
         log("fitting")
         return make()
 
-    monkeypatch.setattr(discover, "discover_folders", answer)
+    monkeypatch.setattr("jaxsim.discover.discover_folders", answer)
     out = tmp_path / "deep" / "out"
     discover.Discover(measured=folders[0], simulated=folders[1], out=out, nulls=3)()
     assert seen == [*folders, 3]

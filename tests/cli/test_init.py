@@ -34,6 +34,11 @@ def test_neither_the_package_nor_its_help_imports_jax_or_a_command(code: str):
     assert not modules & {f"jaxsim.cli.{command.home.split(':')[0]}" for command in COMMANDS.values()}
 
 
+def test_the_flags_of_discover_import_nothing_that_answers():
+    """Its help should not wait for what an answer needs."""
+    assert not modules_after("import jaxsim.cli.discover") & {"jaxsim.discover", "jaxsim.report", "scipy.stats"}
+
+
 def test_help_prints_a_line_a_command(capsys):
     main(["--help"])
     lines = capsys.readouterr().out.splitlines()

@@ -112,7 +112,7 @@ def test_the_command_compares_what_it_wrote(run: Path, tmp_path: Path, monkeypat
         seen.extend([simulated, measured, *read_comparison(simulated, measured).names])
         return results.none()
 
-    monkeypatch.setattr(discover, "discover_folders", answer)
+    monkeypatch.setattr("jaxsim.discover.discover_folders", answer)
     command = discover.Discover(run=run, out=tmp_path, frames="4", nulls=7)
     command()
     command()
@@ -149,7 +149,7 @@ def test_lamberts_law_stands_for_the_simulator(out: Path, tmp_path: Path, monkey
         seen.extend([simulated, measured])
         return results.none()
 
-    monkeypatch.setattr(discover, "discover_folders", answer)
+    monkeypatch.setattr("jaxsim.discover.discover_folders", answer)
     discover.Discover(measured=out / "measured", lambert=True, out=tmp_path)()
     assert seen == [tmp_path / "simulated", out / "measured"]
     assert frame_names(tmp_path / "simulated") == frame_names(out / "measured")

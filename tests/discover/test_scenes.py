@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import (
@@ -13,6 +14,7 @@ from jaxsim.discover.scenes import (
     fold_half_width,
     folds,
     p_value,
+    rank_correlation,
     scene_means,
     split_scenes,
 )
@@ -110,6 +112,12 @@ def test_the_interval_of_a_difference_covers_nine_times_in_ten_also_where_scatte
 def test_the_interval_of_a_difference_without_scatter_is_a_point():
     assert difference_interval(np.full(3, 0.5), np.full(4, 0.25)) == (0.25, 0.25)
     assert np.isnan(difference_interval(np.ones(1), np.ones(4))).all()
+
+
+@pytest.mark.parametrize("values", [1000, 4])
+def test_correlations_of_ranks_are_spearmans_with_ties_too(values):
+    first, second = np.random.default_rng(values).integers(0, values, (2, 50)).astype(float)
+    assert rank_correlation(first, first + second) == pytest.approx(spearmanr(first, first + second)[0], abs=1e-12)
 
 
 def test_the_band_of_fits_that_share_scenes_covers_their_mean():

@@ -159,7 +159,7 @@ def leaves_nothing(null: Problem, curve: tuple[Dependence, Candidate], effects: 
     start = to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1])
     [law] = refit(null, [form.law], [start])
     beside = refitted(in_place(null, [(law.effect, law.fit.z)]))
-    return not any(one.accepted(bar) for one in rank_effects(beside, effects))
+    return not any(one.accepted(bar) for one in rank_effects(beside, effects, bar=bar))
 
 
 def _plain(numbers: Float[np.ndarray, " k"]) -> Numbers:

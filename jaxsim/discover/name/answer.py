@@ -159,7 +159,7 @@ def decide(
     named: what is there is not in the catalogue. Effects of other channels stay, and so does a lattice, which was read
     off the readings and is there whatever else is. Curves of the channels `without`, and those of `but`, are not asked.
     """
-    free = asked(free_curves(null, dependences, without), but)
+    free = asked(free_curves(null, dependences, without, bar=choice.bars.free), but)
     curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     outside = None
     if curves:
@@ -205,7 +205,7 @@ def named_answer(
     `but`."""
     after = localise(*standardised(choice.problem, choice.problem.ev.all_blocks), scene)
     # What effects explain is gone from these residuals, so that a curve here is none of them.
-    free = asked(free_curves(choice.problem, after, without), but)
+    free = asked(free_curves(choice.problem, after, without, bar=choice.bars.free), but)
     rest = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     if not rest:
         return Answer("named", choice, None)

@@ -238,7 +238,7 @@ def add_steps(
     while True:
         done = {*refused, *(step.chosen.effect.name for step in steps)}
         if ranking is None:
-            ranking = rank_effects(problem, [effect for effect in catalogue if effect.name not in done])
+            ranking = rank_effects(problem, [e for e in catalogue if e.name not in done], bar=bars.effect)
         step = None if len(steps) == RULES.most_effects else first_step(problem, ranking, bars)
         # What is refused once stays out: the next best may be another matter altogether.
         while step and refuse and (why := refuse(step)):

@@ -46,15 +46,16 @@ TAKEN_UP = {"intensity": ("azimuth", "even columns", "frame", "speed", "hue angl
 
 
 def free_curves(
-    problem: Problem, dependences: Sequence[Dependence], without: Sequence[str] = ()
+    problem: Problem, dependences: Sequence[Dependence], without: Sequence[str] = (), *, bar: float = -np.inf
 ) -> list[tuple[Dependence, Candidate]]:
     """Curves along the strongest covariates of each channel, and along those that levels take up, fitted and judged
     like effects; best first. Where intensities follow the readout, additions are tried beside gains. Channels `without`
-    are left out."""
+    are left out; `bar` is that of `rank_effects`."""
     null = problem.null_fits
 
     def one(dependence: Dependence) -> tuple[Dependence, Candidate]:
-        [candidate] = rank_effects(with_basis(problem, dependence.covariate), [CURVES[dependence.change]], null=null)
+        with_curve = with_basis(problem, dependence.covariate)
+        [candidate] = rank_effects(with_curve, [CURVES[dependence.change]], null=null, bar=bar)
         return dependence, candidate
 
     tried: list[Dependence] = []

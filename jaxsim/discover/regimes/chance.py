@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats import false_discovery_control
 
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.regimes.questions import Cells, Facts, Question
@@ -96,7 +95,11 @@ def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tu
 
 def false_discovery_rates(findings: list[FoundRegion]) -> list[float]:
     """The q-value of each, over all questions that were asked."""
-    return [float(q) for q in false_discovery_control([one.p_value for one in findings])] if findings else []
+    if not findings:
+        return []
+    from scipy.stats import false_discovery_control  # waits: few answers need it, and it imports much
+
+    return [float(q) for q in false_discovery_control([one.p_value for one in findings])]
 
 
 def scenes_by_size(of: Cells, facts: Facts) -> FoundRegion | None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats import binomtest
+from scipy.special import bdtrc
 
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.rules import RULES
@@ -103,7 +103,7 @@ def _sector(
     columns = _run(grid, hidden)
     shows = measured.by_scene(measured.empty[:, columns].mean(1)) > RULES.unpaired_hidden_share
     # A sign test: by chance a scene is as likely to show it as not to.
-    p = float(binomtest(int(shows.sum()), len(shows), alternative="greater").pvalue)
+    p = float(bdtrc(int(shows.sum()) - 1, len(shows), 0.5))
     if p > attainable(RULES.unpaired_level, len(shows)):
         return [], [
             f"{len(columns)} columns without returns in {shows.sum()} of {len(shows)} measured scenes: too few of them "

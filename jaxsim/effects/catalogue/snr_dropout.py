@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.stats import norm
+from jax.scipy.special import ndtr
 
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
@@ -34,7 +34,7 @@ def below(limit: Array, rays: Rays) -> Array:
     away = (jnp.log(limit) - rays.log_intensity) / sd
     # The value of a put option, to the letter: Black & Scholes 1973. Far above the limit it is 0 times any power.
     relative = jnp.exp(jnp.minimum(jnp.square(sd) / 2 - away * sd, 5.0))
-    return jnp.clip(norm.cdf(away) - relative * norm.cdf(away - sd), 0.0, 1.0)
+    return jnp.clip(ndtr(away) - relative * ndtr(away - sd), 0.0, 1.0)
 
 
 EFFECT = Effect(

@@ -52,7 +52,7 @@ def test_a_curve_outdoes_only_what_it_explains_clearly_better(named, curve, outs
 )
 def test_three_effects_that_one_curve_leaves_nothing_to_say_are_its_pieces(named, leaves, whole, monkeypatch):
     curve = candidate("curve", 8)
-    monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["intensity"], curve)])
+    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["intensity"], curve)])
     monkeypatch.setattr(answer, "describe_curve", lambda *_: Unexplained("intensity", "range", "other", ""))
     monkeypatch.setattr(answer, "localise", lambda *_: [])
     monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))
@@ -79,7 +79,7 @@ def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     null, both = problem(), problem()
     one = problem(ev=SimpleNamespace(all_blocks=None))
     refitted = []
-    monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["drop"], curve)])
+    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["drop"], curve)])
     monkeypatch.setattr(
         answer,
         "describe_curve",
@@ -110,7 +110,7 @@ def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch):
     """It was read off the readings; beside it the curve is told, and what else bends the intensity is not named."""
     curve = candidate("curve", 9)
     both, one = (problem(ev=SimpleNamespace(all_blocks=None)) for _ in range(2))
-    monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["intensity"], curve)])
+    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["intensity"], curve)])
     monkeypatch.setattr(
         answer,
         "describe_curve",
@@ -142,7 +142,7 @@ def test_a_curve_that_both_sides_show_is_not_asked_again(monkeypatch):
     curve = candidate("curve", 9)
     whole = problem(ev=SimpleNamespace(all_blocks=None))
     monkeypatch.setattr(answer, "choose", lambda *_, **__: Choice((), (), whole))
-    monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["intensity"], curve)])
+    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["intensity"], curve)])
     monkeypatch.setattr(
         answer,
         "describe_curve",

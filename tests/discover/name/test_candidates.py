@@ -1,14 +1,16 @@
 """What counts as agreement between scenes, and what beams must gain over a smooth change along the rows."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from jaxsim.discover.name.candidates import by_beam, smooth
+from jaxsim.discover.name import candidates
+from jaxsim.discover.name.candidates import by_beam, rank_effects, smooth
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
-from tests.discover.name.made import candidate
+from tests.discover.name.made import candidate, fitted, problem
 
 STEADY = np.array([4.0, 5, 3, 6, 4, 5, 2, 4, 3, 5, 6])
 
@@ -78,3 +80,23 @@ def test_the_catalogue_has_five_effects_of_single_beams():
 @pytest.mark.parametrize(("rough", "passes"), [(5.0, True), (0.5, False), (-3.0, False)])
 def test_gains_of_beams_are_named_only_for_what_a_smooth_change_does_not_explain(rough, passes):
     assert replace(candidate("beam_gain", 8.0), over_smooth=np.full(11, rough)).accepted() == passes
+
+
+@pytest.mark.parametrize(
+    ("each", "bar", "fits"),
+    [(0.5, 10.0, 1), (1.0, 10.0, 3), (0.5, -np.inf, 3)],  # four scenes are fitted: they must gain a quarter of it
+)
+def test_what_cannot_reach_the_bar_is_not_fitted_on_the_other_folds(each, bar, fits, monkeypatch):
+    score = np.zeros((6, 3))
+    score[:, 2] = each
+    monkeypatch.setattr(candidates, "rounded", lambda ev: {})
+    monkeypatch.setattr(candidates, "starts_of", lambda problem: {})
+    monkeypatch.setattr(candidates, "best_starts", lambda *_, parts: [{}] * len(parts))
+    monkeypatch.setattr(candidates, "partway", lambda *_, **__: score)
+    monkeypatch.setattr(candidates, "fit", lambda *_, **__: replace(fitted(), score=score))
+    monkeypatch.setattr(candidates, "replace", lambda problem, **_: problem)
+    null = [replace(fitted(), score=np.zeros((6, 3)))] * 3
+    ev = SimpleNamespace(scene=np.arange(6), scenes=6)
+    [one] = rank_effects(problem(ev=ev), [EFFECTS["random_dropout"]], null=null, bar=bar)
+    assert len(one.fits) == fits
+    assert not one.accepted(10.0)

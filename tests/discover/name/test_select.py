@@ -101,7 +101,7 @@ def test_what_came_after_an_effect_that_is_gone_is_chosen_once_more_without_it(m
         return sorted(made, key=lambda one: -one.total)
 
     named = lambda steps: tuple(sorted(one.chosen.effect.name for one in steps))  # noqa: E731
-    monkeypatch.setattr(select, "rank_effects", lambda place, effects: rank(place.scan, list(effects)))
+    monkeypatch.setattr(select, "rank_effects", lambda place, effects, **_: rank(place.scan, list(effects)))
     monkeypatch.setattr(select, "fitted_step", lambda place, best, *, ranking, good: step(best, ranking=ranking))
     monkeypatch.setattr(select, "with_steps", lambda null, steps: problem(scan=named(steps)))
     monkeypatch.setattr(select, "together", lambda null, steps: list(steps))
@@ -179,7 +179,7 @@ def test_what_is_refused_is_passed_over_and_told(monkeypatch):
     )
     asked = []
 
-    def rank(problem, effects):
+    def rank(problem, effects, **_):
         names = [effect.name for effect in effects]
         asked.append(names)
         return [one for one in (best, next_best, weak) if one.effect.name in names]

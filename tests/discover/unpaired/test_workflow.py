@@ -62,7 +62,7 @@ def test_the_answer_says_that_streets_differ_and_what_cannot_be_told(gains):
 
 def test_the_command_writes_a_report_that_says_so(gains, tmp_path, monkeypatch):
     _, folder, result = gains
-    monkeypatch.setattr(command, "discover_unpaired", lambda *, simulated, measured, log: result)
+    monkeypatch.setattr("jaxsim.discover.discover_unpaired", lambda *, simulated, measured, log: result)
     command.Discover(
         measured=folder / "measured", simulated=folder / "simulated", out=tmp_path / "out", unpaired=True
     )()
