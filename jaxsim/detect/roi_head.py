@@ -19,13 +19,12 @@ from flax import nnx, struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.config import BackboneConfig, RoiConfig, VoxelConfig
-from jaxsim.detect import native
 from jaxsim.detect.backbones import BOX, SparseScale
 from jaxsim.detect.layers import BatchNorm, FullyConnected, Linear
 from jaxsim.detect.sparse import Sites
 from jaxsim.frame import Array
 from jaxsim.geometry.boxes import iou_3d
-from jaxsim.native import takes
+from jaxsim.native import call, integers, takes
 
 
 @struct.dataclass
@@ -212,8 +211,17 @@ def voxel_query(
     size = tuple(float(s * stride) for s in voxels.size_m)
     lines = _rows_in_reach(reach, radius_m, size)
     if takes(sites.key, xyz, cell):
-        at = native.Around(lines, reach, radius_m, size, voxels.range_m[:3])
-        index, found = native.query((sites.key, sites.shape), xyz, cell, samples=count, at=at)
+        index, found = call(
+            "query",
+            (integers(len(xyz), count), integers(len(xyz))),
+            *(sites.key, jax.lax.stop_gradient(xyz), cell),
+            shape=np.array(sites.shape, np.int64),
+            lines=lines.astype(np.int64).reshape(-1),
+            reach=reach,
+            radius_squared=float(radius_m**2),
+            size=np.array(size, np.float32),
+            corner=np.array(voxels.range_m[:3], np.float32),
+        )
         return index, found > 0
     x = cell[:, 2]
     left, right = jnp.maximum(x - reach, 0), jnp.minimum(x + reach, columns - 1)
