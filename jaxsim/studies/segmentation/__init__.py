@@ -26,7 +26,7 @@ import logging
 from pathlib import Path
 
 from jaxsim.config import SegmentationConfig
-from jaxsim.data.range_images import CLASSES_FILE, range_image_files
+from jaxsim.data.logs.range_images import CLASSES_FILE, range_image_files
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.data.synthetic.labelled import LABEL_CLASSES, write_labelled
 from jaxsim.data.synthetic.world import FRAMES_PER_DRIVE

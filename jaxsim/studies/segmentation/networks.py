@@ -20,7 +20,7 @@ from flax import nnx
 from jaxtyping import Float, Int
 
 from jaxsim.config import QUANTILES, GeneratorConfig, SegmentationConfig
-from jaxsim.data.range_images import RangeImage
+from jaxsim.data.logs.range_images import RangeImage
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import compiler_options, on_cpu
 from jaxsim.pix2pix.losses import quantile_loss

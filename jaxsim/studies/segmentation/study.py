@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.config import QUANTILES, SegmentationConfig
-from jaxsim.data.range_images import RangeImage, class_names, read_range_images
+from jaxsim.data.logs.range_images import RangeImage, class_names, read_range_images
 from jaxsim.files import read_arrays, read_entry, replacing, write_arrays
 from jaxsim.report.results import markdown_table, number_or_none
 from jaxsim.simulate.grain_fit import fit_intensity

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.cli.real2sim2real import run
 from jaxsim.config import GeneratorConfig, SegmentationConfig
-from jaxsim.data.range_images import read_range_images
+from jaxsim.data.logs.range_images import read_range_images
 from jaxsim.files import write_text
 from jaxsim.studies.segmentation import run_segmentation
 from jaxsim.studies.segmentation.study import INTENSITIES

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.config import QUANTILES, GeneratorConfig, SegmentationConfig
-from jaxsim.data.range_images import read_range_images
+from jaxsim.data.logs.range_images import read_range_images
 from jaxsim.simulate.grain import Field
 from jaxsim.studies.segmentation.networks import (
     class_loss,

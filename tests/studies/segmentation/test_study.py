@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.config import GeneratorConfig, SegmentationConfig
-from jaxsim.data.range_images import read_range_images
+from jaxsim.data.logs.range_images import read_range_images
 from jaxsim.studies.segmentation.study import INTENSITIES, Study, class_iou, confusion, mean_iou, worth
 
 
