@@ -1,7 +1,7 @@
 """Logs of LiDARs, as makers, data sets, robots and simulators write them, as folders of polar frames.
 
 scan          what a source delivers, scan by scan, and the options that it is read with
-makers        Ouster, nuScenes, Argoverse 2, KITTI, and beside it `velodyne`
+makers        Ouster, Velodyne, nuScenes, Argoverse 2, KITTI
 files         PCD, PLY, LAS; CARLA's raw buffers
 range_images  labelled range images, which segmentation learns from, too
 messages      ROS bags and MCAP, ASAM OSI traces
