@@ -4,7 +4,7 @@ This file completes a frame with weights from a file. Below it:
 
 layers.py       blocks that see their cells' coordinates, and DA-CSPN++
 network.py      those coordinates; both branches and their fusion
-published.py    published weights        training.py    its three stages
+published.py    published weights        training.py    its three stages, and frames to learn from
 """
 
 from __future__ import annotations
