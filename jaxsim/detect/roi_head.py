@@ -201,7 +201,7 @@ def _rows_in_reach(reach: int, radius_m: float, cell_m: tuple[float, float, floa
 def _numbers(
     shape: Triple, lines: Int[np.ndarray, "k 2"], *, size_m: tuple[float, ...], low_m: tuple[float, ...]
 ) -> dict[str, np.ndarray]:
-    """What the C++ is told of a query's grid: its cells along z, y, x, the lines to look at, a cell's sides, a corner."""
+    """What the C++ is told of a query: the grid along z, y, x, the lines to look at, a cell's sides, a corner."""
     return {
         "shape": np.array(shape, np.int64),
         "lines": lines.astype(np.int64).reshape(-1),
