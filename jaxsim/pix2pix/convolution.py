@@ -60,11 +60,13 @@ def upsample_conv2d(
     x: Float[Array, "b h w c_in"], kernel: Float[Array, "3 3 c_in c_out"]
 ) -> Float[Array, "b 2*h 2*w c_out"]:
     """`conv2d` of x at twice the rows and columns, nearest neighbour, reflect padding."""
-    if on_cpu():
-        return upsample_convolve(x, kernel)
+    return upsample_convolve(x, kernel) if on_cpu() else conv2d(doubled(x), kernel)
+
+
+def doubled(x: Float[Array, "b h w c"]) -> Float[Array, "b 2*h 2*w c"]:
+    """Twice the rows and columns, nearest neighbour."""
     b, h, w, c = x.shape
-    doubled = jnp.broadcast_to(x[:, :, None, :, None], (b, h, 2, w, 2, c)).reshape(b, 2 * h, 2 * w, c)
-    return conv2d(doubled, kernel)
+    return jnp.broadcast_to(x[:, :, None, :, None], (b, h, 2, w, 2, c)).reshape(b, 2 * h, 2 * w, c)
 
 
 def transposed_conv2d(

@@ -104,7 +104,7 @@ def complete(
 ) -> Float[jax.Array, "b h w"]:
     """Dense depth of a batch, in metres."""
     network = nnx.merge(definition(width, convention), values)
-    seen = network.coarse(rgb.astype(jnp.float32), sparse_m, valid, intrinsics=intrinsics, train=False)
+    seen = network.coarse(rgb, sparse_m, valid, intrinsics=intrinsics, train=False)
     return network.refine(seen, sparse_m, valid, train=False)
 
 

@@ -234,8 +234,7 @@ def train_step(
 
     def loss_of(values: Values) -> tuple[Array, tuple[Values, Array]]:
         network = nnx.merge(frozen, values)
-        rgb = batch.rgb.astype(jnp.float32)
-        seen = network.coarse(rgb, batch.sparse_m, batch.given, intrinsics=batch.intrinsics, train=train)
+        seen = network.coarse(batch.rgb, batch.sparse_m, batch.given, intrinsics=batch.intrinsics, train=train)
         if part == "branches":
             guess = seen.fused
             loss = branches_error(seen, batch, weight, loss=config.loss)
@@ -270,6 +269,5 @@ def train_step(
 def predict(values: Values, batch: DepthFrame, *, config: PenetConfig, part: Part) -> Float[Array, "b h w"]:
     """Dense depth after a stage: of the fused branches, or refined."""
     network = nnx.merge(definition(config.width, "exact"), values)
-    rgb = batch.rgb.astype(jnp.float32)
-    seen = network.coarse(rgb, batch.sparse_m, batch.given, intrinsics=batch.intrinsics, train=False)
+    seen = network.coarse(batch.rgb, batch.sparse_m, batch.given, intrinsics=batch.intrinsics, train=False)
     return seen.fused if part == "branches" else network.refine(seen, batch.sparse_m, batch.given, train=False)
