@@ -16,7 +16,7 @@ from jaxtyping import PyTree
 from jaxsim.config import Pix2PixForm
 from jaxsim.files import placed
 from jaxsim.pix2pix.steps import Network
-from jaxsim.weights import Arrays, checked_arrays
+from jaxsim.weights import Arrays, checked_arrays, kernel_of, published_shape
 
 Keys = tuple[Any, ...]
 
@@ -56,7 +56,7 @@ def from_published(arrays: Arrays, like: Network, form: Pix2PixForm = "imaginair
     leaves = jax.tree.leaves_with_path((like.parameters, like.vectors))
     # The first step of a path says which of the two trees.
     slots = [(places[keys_of(path[1:])], leaf.shape) for path, leaf in leaves]
-    shapes = {slot.name: _their_shape(shape, slot) for slot, shape in slots}
+    shapes = {slot.name: published_shape(shape, transposed=slot.transposed) for slot, shape in slots}
     then = "set generator.* or discriminator.* to the checkpoint's form and sizes"
     with placed(f"published weights do not fit the configured network ({form} form)", then=then):
         values = checked_arrays(arrays, shapes)
@@ -68,18 +68,11 @@ def from_published(arrays: Arrays, like: Network, form: Pix2PixForm = "imaginair
 
 def _ours(array: np.ndarray, slot: Place) -> np.ndarray:
     if array.ndim == 4:
-        return array.transpose(2, 3, 0, 1)[::-1, ::-1] if slot.transposed else array.transpose(2, 3, 1, 0)
+        return kernel_of(array, transposed=slot.transposed)
     if slot.name.endswith("weight_v"):
         kh, kw, channels = slot.kernel_shape[:3]
         return array.reshape(channels, kh, kw).transpose(1, 2, 0).reshape(-1)
     return array
-
-
-def _their_shape(shape: tuple[int, ...], slot: Place) -> tuple[int, ...]:
-    if len(shape) < 4:
-        return shape
-    kh, kw, narrow, wide = shape
-    return (narrow, wide, kh, kw) if slot.transposed else (wide, narrow, kh, kw)
 
 
 def keys_of(path: Any) -> Keys:
