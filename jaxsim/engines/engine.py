@@ -148,7 +148,8 @@ def read_answer(path: Path) -> FittedSensor:
         if not _agree(values, interval, where=f"engines: {path}: {what}", other=verdict):
             apart.append(what)
             interval = None
-        return _fitted(values, interval)
+        ends = [_ends(interval, key, len(values)) for key in ("low", "high")]
+        return tuple(Estimate(float(v), low, high) for v, low, high in zip(values, *ends, strict=True))
 
     effects = {
         name: {
@@ -174,11 +175,6 @@ def _agree(values: Sequence[float], interval: Any, *, where: str, other: Path) -
         )
     both = zip(values, theirs, strict=True)
     return all(isinstance(b, int | float) and math.isclose(a, b, rel_tol=_DIGITS, abs_tol=1e-9) for a, b in both)
-
-
-def _fitted(values: Sequence[float], interval: Any) -> tuple[Estimate, ...]:
-    ends = [_ends(interval, key, len(values)) for key in ("low", "high")]
-    return tuple(Estimate(float(v), low, high) for v, low, high in zip(values, *ends, strict=True))
 
 
 def _ends(interval: Any, key: str, count: int) -> list[float]:

@@ -94,10 +94,6 @@ def _published(arrays: Arrays) -> Arrays:
     return checked_arrays(bare, published_shapes())
 
 
-def _trained(arrays: Arrays) -> Arrays:
-    return checked_arrays(arrays, published_shapes(from_published(arrays)[0]))
-
-
 CONVERTERS = {
     "penet": Converter(
         "PENet (C2, dilation 2)",
@@ -110,5 +106,9 @@ CONVERTERS = {
     )
 }
 """What `jaxsim convert` makes of the published checkpoint."""
-TRAINED = Converter("a PENet that jaxsim trained", "nothing: train one, `jaxsim train penet_synthetic`", _trained)
+TRAINED = Converter(
+    "a PENet that jaxsim trained",
+    "nothing: train one, `jaxsim train penet_synthetic`",
+    lambda arrays: checked_arrays(arrays, published_shapes(from_published(arrays)[0])),
+)
 TRAINED_KIND = "penet_trained"
