@@ -9,8 +9,8 @@ import numpy as np
 import jaxsim
 from jaxsim.cloud import points_of
 from jaxsim.data import open_dataset
+from jaxsim.data.logs.range_images import read_range_images
 from jaxsim.data.polar_frames import open_polar_frames
-from jaxsim.data.range_images import read_range_images
 from jaxsim.detect.batches import inside
 from jaxsim.detect.scenes import scene_of
 from jaxsim.evaluate.detector import load_detector, make_find

@@ -1,10 +1,13 @@
-"""Programs that JAX has compiled, kept on disk for the next process."""
+"""Programs that JAX has compiled, kept on disk for the next process; and such as run once."""
 
 from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 
 def enable_compilation_cache() -> None:
@@ -38,3 +41,13 @@ def cache_folder(kind: str = "xla") -> Path | None:
     except (RuntimeError, OSError):
         return None
     return folder
+
+
+@cache
+def compiled_to_run_once(function: Callable[..., Any], static_argnums: tuple[int, ...]) -> Callable[..., Any]:
+    """The jitted function, of a program that a process runs once or twice: on a CPU, LLVM would work on it several
+    times as long as is saved."""
+    import jax
+
+    options = {"xla_backend_optimization_level": 0} if jax.default_backend() == "cpu" else None
+    return jax.jit(function, static_argnums=static_argnums, compiler_options=options)

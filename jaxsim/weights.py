@@ -129,6 +129,22 @@ def checked_arrays(arrays: Arrays, shapes: Shapes) -> Arrays:
     return {name: np.asarray(arrays[prefix + name], np.float32) for name in shapes}
 
 
+def kernel_of(array: np.ndarray, *, transposed: bool = False) -> np.ndarray:
+    """A kernel as PyTorch has it, (out, in, rows, columns), as (rows, columns, in, out).
+
+    That of a transposed convolution, (in, out, rows, columns) there, becomes one of a convolution: the taps reversed.
+    """
+    return array.transpose(2, 3, 0, 1)[::-1, ::-1] if transposed else array.transpose(2, 3, 1, 0)
+
+
+def published_shape(shape: tuple[int, ...], *, transposed: bool = False) -> tuple[int, ...]:
+    """The shape in PyTorch of an array that is a kernel, (rows, columns, in, out), where it has four axes."""
+    if len(shape) != 4:
+        return shape
+    rows, columns, narrow, wide = shape
+    return (narrow, wide, rows, columns) if transposed else (wide, narrow, rows, columns)
+
+
 def convert(kind: str, converter: Converter, source: Path, *, out: Path) -> Weights:
     """Reads a published state dict, checks it and writes `out`.
 

@@ -12,7 +12,9 @@ from jaxsim.weights import (
     checked_arrays,
     convert,
     fingerprint,
+    kernel_of,
     load_weights,
+    published_shape,
     read_state_dict,
     weights_kind,
     write_trained,
@@ -137,3 +139,12 @@ def test_a_network_that_was_trained_here_says_so(tmp_path):
     write_trained(tmp_path / "own.npz", "tiny", {name: np.zeros(shape, np.float32) for name, shape in SHAPES.items()})
     assert weights_kind(tmp_path / "own.npz") == "tiny"
     assert not load_weights(tmp_path / "own.npz", "tiny", TINY).published
+
+
+def test_kernels_of_pytorch_are_taken_over_with_their_taps():
+    array = np.arange(5 * 4 * 3 * 2, dtype=np.float32).reshape(5, 4, 3, 2)
+    kernel, turned = kernel_of(array), kernel_of(array, transposed=True)
+    assert kernel[2, 1, 3, 4] == array[4, 3, 2, 1]
+    assert turned[2, 1, 4, 3] == array[4, 3, 0, 0]
+    assert published_shape(kernel.shape) == published_shape(turned.shape, transposed=True) == array.shape
+    assert published_shape((7,)) == (7,)

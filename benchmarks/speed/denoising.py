@@ -39,8 +39,8 @@ from jaxsim.data import KittiRaw
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.files import replacing
 from jaxsim.geometry import full_grid, points_to_polar
-from jaxsim.prepare.denoise import denoise
-from jaxsim.prepare.denoise.classical import close_gaps, non_local_means
+from jaxsim.geometry.rasters import close_gaps
+from jaxsim.prepare.denoise import denoise, non_local_means
 from jaxsim.prepare.denoise.lidia import Lidia, open_lidia, save_lidia
 from jaxsim.report.pictures import beside, intensity_panel, save_picture, strip
 

@@ -25,8 +25,8 @@ from jaxsim.data.kitti_files import raw_camera, read_image
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import UNITS, benchmark_errors, depth_errors, depth_scores
 from jaxsim.prepare.depth import METHODS
-from jaxsim.prepare.depth.frames import depth_frame
 from jaxsim.prepare.depth.penet import open_penet
+from jaxsim.prepare.depth.penet.training import depth_frame
 from jaxsim.report.pictures import depth_picture, save_picture
 
 CROP = (352, 1216)

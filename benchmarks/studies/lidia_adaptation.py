@@ -20,11 +20,11 @@ import numpy as np
 import optax
 from jaxtyping import Bool, Float
 
-from jaxsim.prepare.denoise.classical import close_gaps
+from jaxsim.geometry.rasters import close_gaps
 from jaxsim.prepare.denoise.lidia import Lidia
 from jaxsim.prepare.denoise.lidia.denoiser import apply_and_learn, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
-from jaxsim.studies.segmentation.descent import descend
+from jaxsim.studies.segmentation.networks import descend
 from jaxsim.weights import RUNNING, Values
 
 _State = tuple[Values, Any]

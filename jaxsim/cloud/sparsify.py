@@ -15,7 +15,7 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 from flax import struct
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from jaxsim.frame import Array, Cloud, PolarGrid
 from jaxsim.geometry import azimuth_of, cell_column, rows_of, scatter_nearest, with_neighbours
@@ -94,7 +94,9 @@ def sparsify(
     if winner == "nearest":
         index, filled = scatter_nearest(jnp.sqrt(jnp.where(usable, square, 0)), row, column, inside=usable, shape=shape)
     else:
-        index, filled = _scatter_last(row, column, usable, shape=shape)
+        # The later a point comes, the nearer it counts.
+        order = jax.lax.broadcasted_iota(jnp.int32, square.shape, square.ndim - 1)
+        index, filled = scatter_nearest(-order, row, column, inside=usable, shape=shape)
     lines = jnp.asarray(range(shape[0]) if beams is None else beams, jnp.int32)
     if beams is not None:
         # Winners are chosen on all lines first: which point is nearest does not depend on the lines that are kept.
@@ -135,20 +137,3 @@ def _beam_cell(xyz: Float[Array, "*b n 3"], grid: PolarGrid) -> tuple[Int[Array,
     column = cell_column(azimuth_of(xyz[..., 0], xyz[..., 1]), grid)
     # Points nearer to the neighbours lie outside the sensor's beams; the first of them is the neighbour above.
     return rows_of(xyz, with_neighbours(grid)) - 1, column
-
-
-def _scatter_last(
-    row: Int[Array, "*b n"], column: Int[Array, "*b n"], usable: Bool[Array, "*b n"], *, shape: tuple[int, int]
-) -> tuple[Int[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
-    """Index of each cell's last point (0 where there is none), and whether it has one."""
-    *batch, count = row.shape
-    cells = shape[0] * shape[1]
-    frames = math.prod(batch)
-    # Cells are numbered through all frames, for one scatter; what is left out gets a number behind the last.
-    first = jnp.arange(frames, dtype=jnp.int32)[:, None] * cells
-    cell = jnp.where(usable, row * shape[1] + column, cells * frames).reshape(frames, count)
-    cell = jnp.where(usable.reshape(frames, count), cell + first, cells * frames)
-    index = jax.lax.broadcasted_iota(jnp.int32, cell.shape, 1)
-    last = jnp.full(frames * cells, -1, jnp.int32).at[cell.ravel()].max(index.ravel(), mode="drop")
-    last = last.reshape(*batch, *shape)
-    return jnp.maximum(last, 0), last >= 0

@@ -15,7 +15,7 @@ A row of DATASETS a kind. Readers, with the files of their formats beside them:
     synthetic                                 the embedded world
     prepared_set, tfds_builder, records       pairs that `jaxsim prepare` made
     polar_frames, polar_checks, polar_views   `jaxsim discover`'s format, and as a data set of views
-    sweeps, logs, clouds, range_images        recordings of LiDARs alone
+    sweeps, logs, clouds                      recordings of LiDARs alone
     calibration, select, turned, batches      what a calibration can be; frames by number; their other sides; batches
     seen                                      whether what judges is what was learned from
 """

@@ -124,7 +124,8 @@ def _intrinsics(path: Path, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
 
 def _drives(root: Path, raw: Path | None, part: str) -> list[_Files]:
     files = []
-    for truth in _truths(root / part):
+    folders = sorted((root / part).glob("*_sync/proj_depth/groundtruth/image_0[23]"))
+    for truth in (file for folder in folders for file in files_in(folder, ".png")):
         drive, camera = truth.parents[3].name, truth.parent.name
         if raw is None:
             raise ValueError(f"kitti_depth: {drive}'s images are in the raw drives; name their folder with --data.root")
@@ -137,11 +138,6 @@ def _drives(root: Path, raw: Path | None, part: str) -> list[_Files]:
             f"raw drives of all {len({one.truth.parents[3] for one in files})} drives of {root / part}"
         )
     return files
-
-
-def _truths(part: Path) -> list[Path]:
-    folders = sorted(part.glob("*_sync/proj_depth/groundtruth/image_0[23]"))
-    return [truth for folder in folders for truth in files_in(folder, ".png")]
 
 
 def _selected(root: Path) -> list[_Files]:

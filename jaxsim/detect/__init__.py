@@ -2,7 +2,6 @@
 
 scenes, batches        a frame as the detector sees it; training batches with pasted objects
 voxelize, sparse       points to voxels; sparse convolution with static shapes
-native                 the same in C++, for CPUs with a compiler
 layers, backbones      layers with PyTorch's arithmetic; voxels to a map from above to anchors' outputs
 anchors, roi_head      the first stage's boxes; the second stage, and what it learns from
 losses, network, steps losses of both stages, the network whole, its training step

@@ -139,10 +139,6 @@ def from_published(arrays: Arrays, experiment: DetectorExperiment) -> Network:
     return network
 
 
-def _car(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return checked_arrays(arrays, published_shapes(DetectorExperiment(), sparse_layout(arrays)))
-
-
 def load_published(path: Path) -> Network:
     """OpenPCDet's network for cars from a file that `jaxsim convert` wrote; its settings are `DetectorExperiment()`.
 
@@ -155,5 +151,5 @@ KIND = "voxel_rcnn_car"
 CONVERTER = Converter(
     title="OpenPCDet's Voxel R-CNN for cars on KITTI",
     fetch="voxel_rcnn_car_84.54.pth, linked in the model zoo of github.com/open-mmlab/OpenPCDet (README.md)",
-    convert=_car,
+    convert=lambda arrays: checked_arrays(arrays, published_shapes(DetectorExperiment(), sparse_layout(arrays))),
 )

@@ -19,13 +19,12 @@ from flax import nnx, struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.config import BackboneConfig, RoiConfig, VoxelConfig
-from jaxsim.detect import native
 from jaxsim.detect.backbones import BOX, SparseScale
 from jaxsim.detect.layers import BatchNorm, FullyConnected, Linear
-from jaxsim.detect.sparse import Sites
+from jaxsim.detect.sparse import Sites, Triple
 from jaxsim.frame import Array
 from jaxsim.geometry.boxes import iou_3d
-from jaxsim.native import takes
+from jaxsim.native import call, integers, takes
 
 
 @struct.dataclass
@@ -199,6 +198,18 @@ def _rows_in_reach(reach: int, radius_m: float, cell_m: tuple[float, float, floa
     return np.array(near, np.int32)
 
 
+def _numbers(
+    shape: Triple, lines: Int[np.ndarray, "k 2"], *, size_m: tuple[float, ...], low_m: tuple[float, ...]
+) -> dict[str, np.ndarray]:
+    """What the C++ is told of a query: the grid along z, y, x, the lines to look at, a cell's sides, a corner."""
+    return {
+        "shape": np.array(shape, np.int64),
+        "lines": lines.astype(np.int64).reshape(-1),
+        "size": np.array(size_m, np.float32),
+        "corner": np.array(low_m, np.float32),
+    }
+
+
 def voxel_query(
     sites: Sites, xyz: Float[Array, "q 3"], voxels: VoxelConfig, *, stride: int, radius_m: float, config: RoiConfig
 ) -> tuple[Int[Array, "q s"], Bool[Array, " q"]]:
@@ -212,8 +223,10 @@ def voxel_query(
     size = tuple(float(s * stride) for s in voxels.size_m)
     lines = _rows_in_reach(reach, radius_m, size)
     if takes(sites.key, xyz, cell):
-        at = native.Around(lines, reach, radius_m, size, voxels.range_m[:3])
-        index, found = native.query((sites.key, sites.shape), xyz, cell, samples=count, at=at)
+        result = integers(len(xyz), count), integers(len(xyz))
+        about = _numbers(sites.shape, lines, size_m=size, low_m=voxels.range_m[:3])
+        given = sites.key, jax.lax.stop_gradient(xyz), cell
+        index, found = call("query", result, *given, **about, reach=reach, radius_squared=float(radius_m**2))
         return index, found > 0
     x = cell[:, 2]
     left, right = jnp.maximum(x - reach, 0), jnp.minimum(x + reach, columns - 1)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from jaxsim.files import check_name, file_of, making, read_arrays, stamp_of, write_arrays
+from jaxsim.files import check_name, kept_files, making, read_arrays, stamp_of, write_arrays
 from jaxsim.frame import Boxes, Frame
 from jaxsim.geometry.boxes import DIFFICULTIES, lidar_boxes
 from jaxsim.geometry.points import check_points as points_of_lidar
@@ -137,12 +137,8 @@ def cached_scenes(
     """
     about = f"{settings}|{kind}|{in_image}"
     folder = cache / f"scenes-{making(about, 'data', 'geometry', 'frame.py', 'detect/scenes.py')}"
-    # By name, for a drive that is added to a data set moves the positions of all that come after it; and by what the
-    # frame is read from, for a scene of files that have changed since is no longer theirs.
     stamps = [stamp_of(dataset, i) for i in positions]
-    suffixes = [f".{stamp}.npz" if stamp else ".npz" for stamp in stamps]
-    names = map(dataset.name_of, positions)
-    files = [file_of(folder, name, suffix, by="detect") for name, suffix in zip(names, suffixes, strict=True)]
+    files = kept_files(folder, dataset, positions, stamps=stamps, by="detect")
     missing = [(i, file) for i, file in zip(positions, files, strict=True) if not file.is_file()]
     for i, file in Progress(missing, desc="scenes", unit="frame", disable=not missing):
         write_scene(file, scene_of_frame(dataset[i], kind, in_image=in_image))

@@ -7,12 +7,14 @@ grid's last cell. A table holds rows of the other side; one past the last row me
 A table is built once a stage and has no gradient. Every pass, forward and backward, gathers rows and multiplies:
 no feature is scattered, and no dense volume is made.
 
-This is XLA's form of it. On a CPU with a C++ compiler `native` takes its place, with the same answers but for rounding.
+XLA's form of it takes several times as long on a CPU as one in C++, which it calls where `jaxsim.native` takes it, with
+the same answers but for rounding.
 """
 
 from __future__ import annotations
 
 from itertools import product
+from math import prod
 from typing import NamedTuple
 
 import jax
@@ -21,9 +23,8 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.detect import native
 from jaxsim.frame import Array
-from jaxsim.native import takes
+from jaxsim.native import call, floats, integers, takes
 
 Triple = tuple[int, int, int]
 """Numbers of z, y, x."""
@@ -109,7 +110,9 @@ def strided_sites(sites: Sites, window: ConvWindow, capacity: int) -> tuple[Site
     kernel, stride, padding = window
     shape = strided_shape(sites.shape, window)
     if takes(sites.key):
-        key, dropped = native.strided_sites(sites.key, capacity, _numbers(sites.shape, shape, window))
+        key, dropped = call(
+            "strided_sites", (integers(capacity), integers()), sites.key, **_numbers(sites.shape, shape, window)
+        )
         return Sites(key, shape), dropped
     zyx, valid = sites.zyx, sites.valid
     # Input i is seen by outputs o with o t - p <= i < o t - p + k: along each axis the last such o and those below it.
@@ -129,7 +132,9 @@ def strided_sites(sites: Sites, window: ConvWindow, capacity: int) -> tuple[Site
 def neighbours(inputs: Sites, outputs: Sites, window: ConvWindow) -> Int[Array, "m k"]:
     """For each output and kernel cell (z slowest) the row of the input below it; n where there is none."""
     if takes(inputs.key, outputs.key):
-        return native.neighbours(inputs.key, outputs.key, _numbers(inputs.shape, outputs.shape, window))
+        table = integers(len(outputs.key), prod(window.kernel))
+        numbers = _numbers(inputs.shape, outputs.shape, window)
+        return call("neighbours", table, inputs.key, outputs.key, **numbers)
     kernel, stride, padding = window
     n, (planes, rows, columns) = len(inputs.key), inputs.shape
     corner = outputs.zyx * jnp.array([stride]) - jnp.array([padding])
@@ -150,7 +155,8 @@ def neighbours(inputs: Sites, outputs: Sites, window: ConvWindow) -> Int[Array, 
     return jnp.stack(table, axis=-1).reshape(len(outputs.key), -1)
 
 
-def _numbers(shape: Triple, out_shape: Triple, window: ConvWindow) -> native.Numbers:
+def _numbers(shape: Triple, out_shape: Triple, window: ConvWindow) -> dict[str, Int[np.ndarray, "3"]]:
+    """What the C++ is told of a convolution: numbers of z, y, x."""
     numbers = {"shape": shape, "out_shape": out_shape, **window._asdict()}
     return {name: np.array(three, np.int64) for name, three in numbers.items()}
 
@@ -164,9 +170,9 @@ def submanifold_tables(sites: Sites) -> Tables:
 def strided_tables(inputs: Sites, outputs: Sites, window: ConvWindow) -> Tables:
     """Tables of a convolution from `inputs` to the sites that `strided_sites` gave."""
     forward = neighbours(inputs, outputs, window)
-    if takes(forward):
-        return Tables(forward, native.other_side(forward, len(inputs.key)))
     m, k = forward.shape
+    if takes(forward):
+        return Tables(forward, call("other_side", integers(len(inputs.key), k), forward))
     rows, columns = jnp.arange(m, dtype=jnp.int32)[:, None], jnp.arange(k, dtype=jnp.int32)[None]
     backward = jnp.full((len(inputs.key), k), m, jnp.int32).at[forward, columns].set(rows, mode="drop")
     return Tables(forward, backward)
@@ -184,7 +190,7 @@ def _gather_and_multiply(
     features: Float[Array, "n c"], cells: Float[Array, "k c d"], table: Int[Array, "m k"]
 ) -> Float[Array, "m d"]:
     if takes(features, cells, table):
-        return native.convolve(features, cells, table)
+        return call("convolve", floats(len(table), cells.shape[-1]), features, cells, table)
 
     # One kernel cell after another: side by side the gathered rows of all cells would fill the memory.
     def add(total, cell):
@@ -219,7 +225,8 @@ def _weight_gradient(
     features: Float[Array, "n c"], change: Float[Array, "m d"], table: Int[Array, "m k"]
 ) -> Float[Array, "k c d"]:
     if takes(features, change, table):
-        return native.weight_gradient(features, change, table)
+        shape = floats(table.shape[1], features.shape[1], change.shape[1])
+        return call("weight_gradient", shape, features, change, table)
     return jax.lax.map(lambda row: _rows(features, row).T @ change, table.T)
 
 

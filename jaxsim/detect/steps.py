@@ -16,6 +16,7 @@ from flax import nnx, struct
 from jax.sharding import Mesh, NamedSharding
 from jaxtyping import Float, PyTree
 
+from jaxsim.compilation import compiled_to_run_once
 from jaxsim.config import DetectorExperiment, OneCycleConfig
 from jaxsim.detect.layers import Statistic
 from jaxsim.detect.network import Detections, VoxelRcnn
@@ -86,14 +87,7 @@ def _network_shapes(experiment: DetectorExperiment) -> Network:
 
 def create_state(experiment: DetectorExperiment, steps: int, seed: int) -> TrainState:
     """A fresh state for a training of so many steps; the same for the same seed."""
-    return _compiled_create()(experiment, steps, jax.random.key(seed))
-
-
-@cache
-def _compiled_create() -> Any:
-    # It runs once: on a CPU, LLVM would work on it several times as long as is saved.
-    options = {"xla_backend_optimization_level": 0} if jax.default_backend() == "cpu" else None
-    return jax.jit(_create, static_argnums=(0, 1), compiler_options=options)
+    return compiled_to_run_once(_create, (0, 1))(experiment, steps, jax.random.key(seed))
 
 
 def _create(experiment: DetectorExperiment, steps: int, key: Array) -> TrainState:

@@ -20,17 +20,25 @@ from jaxtyping import Float
 
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
-from jaxsim.engines.engine import Engine, Estimate, FittedSensor, Setting, any_loss, combined, degrees, root_of_squares
+from jaxsim.engines.engine import (
+    OF_SURFACES,
+    Engine,
+    Estimate,
+    FittedSensor,
+    Setting,
+    any_loss,
+    combined,
+    degrees,
+    known,
+    root_of_squares,
+)
 
 _SURFACE = (
     "its intensity is exp(-rate · distance) whatever the surface; apply it behind the sensor, to "
     "sensor.lidar.ray_cast_semantic, which gives class and incidence of every ray"
 )
 INSTEAD = {
-    "incidence_cosine": _SURFACE,
-    "oren_nayar": _SURFACE,
-    "specular_lobe": _SURFACE,
-    "retroreflection": _SURFACE,
+    **dict.fromkeys(OF_SURFACES, _SURFACE),
     "range_falloff": "it has no power law of range; an attenuation rate follows one only over a short stretch: apply "
     "it behind the sensor",
     "beam_gain": "all channels are alike; apply a gain by channel (points come channel by channel) behind the sensor",
@@ -44,21 +52,18 @@ INSTEAD = {
 
 def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
     """CARLA's attributes, `now` what they are in the frames that were compared."""
-    told: list[Setting] = []
+    was = now["atmosphere_attenuation_rate"]
     extinction = answer.one("atmospheric_extinction", "coefficient_per_m")
-    if extinction is not None:
-        # ln I falls by 2 α r in our law, by a d in CARLA's.
-        rate = extinction.mapped(lambda alpha: now["atmosphere_attenuation_rate"] + 2 * alpha)
-        why = f"atmospheric_extinction: {now['atmosphere_attenuation_rate']:g} as it was, and 2 α"
-        told.append(Setting("atmosphere_attenuation_rate", rate, "1/m", why))
-    rate_now = told[0].value.value if told else now["atmosphere_attenuation_rate"]
-    told += losses(answer, now, rate=rate_now)
-    noise = answer.range_noise
-    if noise is not None:
-        was = now["noise_stddev"]
-        both = noise.mapped(lambda sd: root_of_squares((was, sd)))
-        told.append(Setting("noise_stddev", both, "m", "noise of the range"))
-    return told + mounting(answer)
+    # ln I falls by 2 α r in our law, by a d in CARLA's.
+    rate = extinction and extinction.mapped(lambda alpha: was + 2 * alpha)
+    noise = answer.range_noise and answer.range_noise.mapped(lambda sd: root_of_squares((now["noise_stddev"], sd)))
+    why = f"atmospheric_extinction: {was:g} as it was, and 2 α"
+    return [
+        *known(("atmosphere_attenuation_rate", rate, "1/m", why)),
+        *losses(answer, now, rate=rate.value if rate else was),
+        *known(("noise_stddev", noise, "m", "noise of the range")),
+        *mounting(answer),
+    ]
 
 
 LOSS_RANGES_M = np.geomspace(2.0, 120.0, 80)
@@ -84,13 +89,12 @@ def losses(answer: FittedSensor, now: Mapping[str, float], *, rate: float) -> li
         reach, why_reach = faint.reach, faint.why
     if faint.general is not None:
         even = combined(even, faint.general, how=any_loss)
-    attributes = [Setting(name, value, "", faint.why) for name, value in faint.drop_off.items()]
-    if even is not None:
-        value = even.mapped(lambda p: any_loss((now["dropoff_general_rate"], p)))
-        attributes.insert(0, Setting("dropoff_general_rate", value, "", "rays lost, every ray alike"))
-    if reach is not None:
-        attributes.append(Setting("range", reach, "m", why_reach))
-    return attributes
+    rate_of_all = even and even.mapped(lambda p: any_loss((now["dropoff_general_rate"], p)))
+    return known(
+        ("dropoff_general_rate", rate_of_all, "", "rays lost, every ray alike"),
+        *((name, value, "", faint.why) for name, value in faint.drop_off.items()),
+        ("range", reach, "m", why_reach),
+    )
 
 
 class Faint(NamedTuple):
@@ -193,18 +197,14 @@ def mounting(answer: FittedSensor) -> list[Setting]:
 
 def text(chosen: Sequence[Setting]) -> str:
     """A JSON object of attributes for `blueprint.set_attribute`, and the change of the transform."""
-    attributes = {one.name: _plain(one.value) for one in chosen if not one.name.startswith("transform.")}
+    # CARLA takes texts.
+    attributes = {o.name: f"{o.value.value:.6g}" for o in chosen if not o.name.startswith("transform.")}
     change = {
         one.name.removeprefix("transform."): one.value.value for one in chosen if one.name.startswith("transform.")
     }
     return json.dumps(
         {"blueprint": "sensor.lidar.ray_cast", "attributes": attributes, "add_to_transform": change}, indent=1
     )
-
-
-def _plain(value: Estimate) -> str:
-    """CARLA takes texts."""
-    return f"{value.value:.6g}"
 
 
 ENGINE = Engine(

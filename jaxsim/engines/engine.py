@@ -14,6 +14,13 @@ from jaxsim.files import read_json
 
 LOSSES = ("random_dropout", "random_loss", "snr_dropout", "material_dropout", "beam_dropout", "edge_dropout")
 """Effects, and the level, by which echoes are lost."""
+OF_SURFACES = ("incidence_cosine", "oren_nayar", "specular_lobe", "retroreflection")
+"""Effects of what surfaces return."""
+OF_INTENSITY = (
+    *(*OF_SURFACES, "range_falloff", "atmospheric_extinction"),
+    *("beam_gain", "gamma_response", "intensity_offset", "saturation"),
+)
+"""Effects that change intensities, whatever the range."""
 _DIGITS = 1e-4
 """By how much of it a number of verdict.json, which keeps six digits, may miss that of sensor.json."""
 
@@ -64,6 +71,11 @@ class FittedSensor:
     def range_noise(self) -> Estimate | None:
         """Noise of the range as one number for all echoes; None where none was found."""
         return combined(self.one("range_noise", "sd_m"), self.levels.get("range_noise"), how=root_of_squares)
+
+    @property
+    def range_step(self) -> Estimate | None:
+        """Step of the range; None where none was found."""
+        return self.one("range_quantization", "step_m") or self.levels.get("range_step")
 
 
 @dataclass(frozen=True)
@@ -136,7 +148,8 @@ def read_answer(path: Path) -> FittedSensor:
         if not _agree(values, interval, where=f"engines: {path}: {what}", other=verdict):
             apart.append(what)
             interval = None
-        return _fitted(values, interval)
+        ends = [_ends(interval, key, len(values)) for key in ("low", "high")]
+        return tuple(Estimate(float(v), low, high) for v, low, high in zip(values, *ends, strict=True))
 
     effects = {
         name: {
@@ -162,11 +175,6 @@ def _agree(values: Sequence[float], interval: Any, *, where: str, other: Path) -
         )
     both = zip(values, theirs, strict=True)
     return all(isinstance(b, int | float) and math.isclose(a, b, rel_tol=_DIGITS, abs_tol=1e-9) for a, b in both)
-
-
-def _fitted(values: Sequence[float], interval: Any) -> tuple[Estimate, ...]:
-    ends = [_ends(interval, key, len(values)) for key in ("low", "high")]
-    return tuple(Estimate(float(v), low, high) for v, low, high in zip(values, *ends, strict=True))
 
 
 def _ends(interval: Any, key: str, count: int) -> list[float]:
@@ -218,10 +226,15 @@ def combined(*parts: Estimate | None, how: Callable[[Sequence[float]], float]) -
     return Estimate(*(how([part[k] for part in given]) for k in range(3)))
 
 
+def known(*rows: tuple[str, Estimate | None, str, str]) -> list[Setting]:
+    """The settings (name, value, unit, why) whose value the answer has."""
+    return [Setting(name, value, unit, why) for name, value, unit, why in rows if value is not None]
+
+
 def noise_of_range(answer: FittedSensor, name: str) -> list[Setting]:
     """The engine's setting `name` of the range's noise; none where there is no such noise."""
     why = "noise of the range, one number for all echoes; of range_noise that at the reference power"
-    return [Setting(name, answer.range_noise, "m", why)] if answer.range_noise else []
+    return known((name, answer.range_noise, "m", why))
 
 
 def mean_bias(answer: FittedSensor, name: str, more: str = "") -> list[Setting]:
@@ -229,13 +242,13 @@ def mean_bias(answer: FittedSensor, name: str, more: str = "") -> list[Setting]:
     of_beams = answer.each("beam_range_bias", "bias_m")
     bias = combined(answer.one("range_offset", "offset_m"), mean_of(of_beams) if of_beams else None, how=sum)
     why = f"range_offset, and the mean of beam_range_bias over the beams{more}"
-    return [Setting(name, bias, "m", why)] if bias else []
+    return known((name, bias, "m", why))
 
 
 def limits_of_range(answer: FittedSensor, *, minimum: str, maximum: str) -> list[Setting]:
     """The engine's settings of these names for the ranges that `range_gate` lets through."""
     ends = {minimum: answer.limit("minimum_m"), maximum: answer.limit("maximum_m")}
-    return [Setting(name, end, "m", "range_gate") for name, end in ends.items() if end is not None]
+    return known(*((name, end, "m", "range_gate") for name, end in ends.items()))
 
 
 def root_of_squares(values: Sequence[float]) -> float:

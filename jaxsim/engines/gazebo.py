@@ -8,7 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.engine import LOSSES, Engine, FittedSensor, Setting, limits_of_range, mean_bias, noise_of_range
+from jaxsim.engines.engine import (
+    LOSSES,
+    OF_INTENSITY,
+    Engine,
+    FittedSensor,
+    Setting,
+    known,
+    limits_of_range,
+    mean_bias,
+    noise_of_range,
+)
 
 _RETRO = (
     "intensity is the number laser_retro of the visual that a ray hits, whatever range and angle: set it by surface, "
@@ -16,13 +26,7 @@ _RETRO = (
 )
 _DROP = "no ray is lost but by range; drop points in a node that reads them"
 INSTEAD = {
-    **dict.fromkeys(
-        (
-            *("incidence_cosine", "oren_nayar", "specular_lobe", "retroreflection", "range_falloff"),
-            *("atmospheric_extinction", "beam_gain", "gamma_response", "intensity_offset", "saturation"),
-        ),
-        _RETRO,
-    ),
+    **dict.fromkeys(OF_INTENSITY, _RETRO),
     **dict.fromkeys(LOSSES, _DROP),
     "beam_elevation_error": "vertical samples lie evenly between min_angle and max_angle; several sensors of few "
     "samples come nearer",
@@ -31,16 +35,14 @@ INSTEAD = {
 }
 
 
-def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: FittedSensor, _: Mapping[str, float]) -> list[Setting]:
     """Elements of <lidar>."""
-    del now
-    told = mean_bias(answer, "noise.mean")
-    told += noise_of_range(answer, "noise.stddev")
-    told += limits_of_range(answer, minimum="range.min", maximum="range.max")
-    step = answer.one("range_quantization", "step_m") or answer.levels.get("range_step")
-    if step is not None:
-        told.append(Setting("range.resolution", step, "m", "steps of the range"))
-    return told
+    return [
+        *mean_bias(answer, "noise.mean"),
+        *noise_of_range(answer, "noise.stddev"),
+        *limits_of_range(answer, minimum="range.min", maximum="range.max"),
+        *known(("range.resolution", answer.range_step, "m", "steps of the range")),
+    ]
 
 
 def text(chosen: Sequence[Setting]) -> str:
@@ -63,10 +65,7 @@ ENGINE = Engine(
     title="Gazebo",
     settings=settings,
     expresses=frozenset(
-        {
-            *("range_offset", "beam_range_bias", "range_noise", "range_gate"),
-            *("range_quantization", "range_step"),
-        }
+        ("range_offset", "beam_range_bias", "range_noise", "range_gate", "range_quantization", "range_step")
     ),
     instead=INSTEAD,
     text=text,

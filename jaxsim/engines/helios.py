@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.engine import Engine, FittedSensor, Setting, limits_of_range, noise_of_range
+from jaxsim.engines.engine import OF_SURFACES, Engine, FittedSensor, Setting, known, limits_of_range, noise_of_range
 
 _MATERIAL = (
     "reflection is of the scene's materials (.mtl: helios_reflectance, and its Phong terms): change these for the "
@@ -19,10 +19,7 @@ _MATERIAL = (
 _CONTRAST = 0.02
 """Contrast at which Koschmieder's visibility ends in HELIOS++: attenuation is 3.91 over it, and 3.91 = -ln 0.02."""
 INSTEAD = {
-    "incidence_cosine": _MATERIAL,
-    "oren_nayar": _MATERIAL,
-    "specular_lobe": _MATERIAL,
-    "retroreflection": _MATERIAL,
+    **dict.fromkeys(OF_SURFACES, _MATERIAL),
     "random_dropout": "no return is lost but by its energy; thin the points behind it",
     "random_loss": "no return is lost but by its energy; thin the points behind it",
     "range_falloff": "its intensity is received power, which falls as the laser equation says; undo that in the points "
@@ -34,21 +31,20 @@ INSTEAD = {
 }
 
 
-def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: FittedSensor, _: Mapping[str, float]) -> list[Setting]:
     """Attributes of <scanner>."""
-    del now
-    told: list[Setting] = []
-    told += noise_of_range(answer, "accuracy_m")
     divergence = answer.one("incidence_range_bias", "divergence_rad")
-    if divergence is not None:
-        told.append(Setting("beamDivergence_rad", divergence, "rad", "incidence_range_bias: the beam's divergence"))
     extinction = answer.one("atmospheric_extinction", "coefficient_per_m")
+    visibility = None
     if extinction is not None and extinction.value > 0:
         visibility = extinction.mapped(lambda alpha: -math.log(_CONTRAST) / max(alpha, 1e-9) / 1000)
-        why = "atmospheric_extinction: 3.91 / α at 550 nm; HELIOS++ scales it to the wavelength"
-        told.append(Setting("atmosphericVisibility_km", visibility, "km", why))
-    told += limits_of_range(answer, minimum="rangeMin_m", maximum="rangeMax_m")
-    return told
+    why = "atmospheric_extinction: 3.91 / α at 550 nm; HELIOS++ scales it to the wavelength"
+    return [
+        *noise_of_range(answer, "accuracy_m"),
+        *known(("beamDivergence_rad", divergence, "rad", "incidence_range_bias: the beam's divergence")),
+        *known(("atmosphericVisibility_km", visibility, "km", why)),
+        *limits_of_range(answer, minimum="rangeMin_m", maximum="rangeMax_m"),
+    ]
 
 
 def text(chosen: Sequence[Setting]) -> str:

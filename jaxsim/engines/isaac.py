@@ -10,11 +10,13 @@ import math
 from collections.abc import Mapping, Sequence
 
 from jaxsim.engines.engine import (
+    OF_SURFACES,
     Engine,
     Estimate,
     FittedSensor,
     Setting,
     degrees,
+    known,
     limits_of_range,
     mean_of,
     noise_of_range,
@@ -27,10 +29,7 @@ _MATERIAL = (
     "apply it behind the sensor"
 )
 INSTEAD = {
-    "incidence_cosine": _MATERIAL,
-    "oren_nayar": _MATERIAL,
-    "specular_lobe": _MATERIAL,
-    "retroreflection": _MATERIAL,
+    **dict.fromkeys(OF_SURFACES, _MATERIAL),
     "random_dropout": "returns are lost by their power alone; drop points at random behind the sensor",
     "random_loss": "returns are lost by their power alone; drop points at random behind the sensor",
     "material_dropout": "returns are lost by their power alone; drop by class behind the sensor",
@@ -45,38 +44,28 @@ INSTEAD = {
 }
 
 
-def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: FittedSensor, _: Mapping[str, float]) -> list[Setting]:
     """Attributes of the prim; those of emitters are changes, one an emitter, top beam first."""
-    del now
-    told: list[Setting] = []
-    told += noise_of_range(answer, f"{_CORE}rangeAccuracyM")
-    step = answer.one("range_quantization", "step_m") or answer.levels.get("range_step")
-    if step is not None:
-        told.append(Setting(f"{_CORE}rangeResolutionM", step, "m", "steps of the range"))
-    told += limits_of_range(answer, minimum=f"{_CORE}nearRangeM", maximum=f"{_CORE}farRangeM")
     divergence = answer.one("incidence_range_bias", "divergence_rad")
-    if divergence is not None:
-        for side in ("Hor", "Ver"):
-            why = "incidence_range_bias: the beam's divergence, for rayType GAUSSIAN_BEAM"
-            told.append(Setting(f"{_CORE}divergence{side}Deg", degrees(divergence), "degrees", why))
-    bias = answer.each("beam_range_bias", "bias_m")
-    if bias:
-        why = "beam_range_bias: taken off again by the emitter's correction, hence its sign"
-        told.append(_emitters("distanceCorrectionM", [b.mapped(lambda v: -v) for b in bias], unit="m", why=why))
-    error = answer.each("beam_elevation_error", "error_rad")
-    if error:
-        why = "beam_elevation_error: add it"
-        told.append(_emitters("elevationDeg", [degrees(e) for e in error], unit="degrees", why=why))
-    gain = answer.each("beam_gain", "gain")
-    if gain:
-        power = [g.mapped(math.exp) for g in gain]
-        why = "beam_gain: multiply the emitter's power by it"
-        told.append(_emitters("emitterPeakPowerW", power, unit="times", why=why))
-    return told
+    wide = divergence and degrees(divergence)
+    why_wide = "incidence_range_bias: the beam's divergence, for rayType GAUSSIAN_BEAM"
+    bias = [b.mapped(lambda v: -v) for b in answer.each("beam_range_bias", "bias_m")]
+    why_bias = "beam_range_bias: taken off again by the emitter's correction, hence its sign"
+    error = [degrees(e) for e in answer.each("beam_elevation_error", "error_rad")]
+    power = [g.mapped(math.exp) for g in answer.each("beam_gain", "gain")]
+    return [
+        *noise_of_range(answer, f"{_CORE}rangeAccuracyM"),
+        *known((f"{_CORE}rangeResolutionM", answer.range_step, "m", "steps of the range")),
+        *limits_of_range(answer, minimum=f"{_CORE}nearRangeM", maximum=f"{_CORE}farRangeM"),
+        *known(*((f"{_CORE}divergence{side}Deg", wide, "degrees", why_wide) for side in ("Hor", "Ver"))),
+        *_emitters("distanceCorrectionM", bias, unit="m", why=why_bias),
+        *_emitters("elevationDeg", error, unit="degrees", why="beam_elevation_error: add it"),
+        *_emitters("emitterPeakPowerW", power, unit="times", why="beam_gain: multiply the emitter's power by it"),
+    ]
 
 
-def _emitters(name: str, values: Sequence[Estimate], *, unit: str, why: str) -> Setting:
-    return Setting(_EMITTER + name, mean_of(values), unit, why, each=tuple(values))
+def _emitters(name: str, values: Sequence[Estimate], *, unit: str, why: str) -> list[Setting]:
+    return [Setting(_EMITTER + name, mean_of(values), unit, why, each=tuple(values))] if values else []
 
 
 def text(chosen: Sequence[Setting]) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from jaxsim.effects.catalogue.range_falloff import REFERENCE_M
-from jaxsim.engines.engine import LOSSES, Engine, FittedSensor, Setting, mean_bias
+from jaxsim.engines.engine import LOSSES, OF_INTENSITY, Engine, FittedSensor, Setting, known, mean_bias
 
 _TEXTURE = (
     "intensity is the value of the mesh's texture (rgl_entity_set_intensity_texture), whatever range and angle: write "
@@ -19,13 +19,7 @@ _TEXTURE = (
 )
 _DROP = "no node loses points at random; drop them behind the graph"
 INSTEAD = {
-    **dict.fromkeys(
-        (
-            *("incidence_cosine", "oren_nayar", "specular_lobe", "retroreflection", "range_falloff"),
-            *("atmospheric_extinction", "beam_gain", "gamma_response", "intensity_offset", "saturation"),
-        ),
-        _TEXTURE,
-    ),
+    **dict.fromkeys(OF_INTENSITY, _TEXTURE),
     **dict.fromkeys(LOSSES, _DROP),
     "mixed_pixels": "rgl_node_raytrace_configure_beam_divergence casts several rays a beam, and returns of its first "
     "or last hit; points between two surfaces need a mean of hits behind the graph",
@@ -36,19 +30,16 @@ INSTEAD = {
 }
 
 
-def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: FittedSensor, _: Mapping[str, float]) -> list[Setting]:
     """The arguments of the noise of distances."""
-    del now
-    told = mean_bias(answer, "distance.mean", ": the node knows no beams")
-    base = answer.levels.get("range_noise")
-    if base is not None:
-        told.append(Setting("distance.st_dev_base", base, "m", "noise of the range that is the same for all"))
-    grows = answer.one("range_noise", "sd_m")
-    if grows is not None:
-        rise = grows.mapped(lambda sd: sd / REFERENCE_M)
-        why = "range_noise grows as the echo weakens, so over the range of one surface evenly; at reference power"
-        told.append(Setting("distance.st_dev_rise_per_meter", rise, "1", why))
-    return told
+    base, grows = answer.levels.get("range_noise"), answer.one("range_noise", "sd_m")
+    rise = grows and grows.mapped(lambda sd: sd / REFERENCE_M)
+    why = "range_noise grows as the echo weakens, so over the range of one surface evenly; at reference power"
+    return [
+        *mean_bias(answer, "distance.mean", ": the node knows no beams"),
+        *known(("distance.st_dev_base", base, "m", "noise of the range that is the same for all")),
+        *known(("distance.st_dev_rise_per_meter", rise, "1", why)),
+    ]
 
 
 def text(chosen: Sequence[Setting]) -> str:

@@ -19,7 +19,17 @@ from jaxsim.files.claims import claim, claim_settings, differences
 from jaxsim.files.code import loaded, making, need
 from jaxsim.files.images import check_image_file, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
-from jaxsim.files.stamps import CHANGED, files_of, read_once, sha256_of, stamp, stamp_of, tell_anew, why_anew
+from jaxsim.files.stamps import (
+    CHANGED,
+    files_of,
+    kept_files,
+    read_once,
+    sha256_of,
+    stamp,
+    stamp_of,
+    tell_anew,
+    why_anew,
+)
 from jaxsim.files.texts import (
     check_keys,
     numbers,
@@ -50,6 +60,7 @@ __all__ = [
     "files_in",
     "files_of",
     "image_of",
+    "kept_files",
     "loaded",
     "lock",
     "making",

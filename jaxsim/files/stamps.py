@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from jaxsim.files.whole import file_of
 
 _Of = ParamSpec("_Of")
 _Read = TypeVar("_Read")
@@ -72,6 +74,15 @@ def stamp_of(dataset: Any, position: int, more: str = "") -> str:
     it stays the same."""
     told_of = getattr(dataset, "told_of", None)
     return stamp(files_of(dataset, position), more if told_of is None else f"{told_of(position)} {more}")
+
+
+def kept_files(folder: Path, dataset: Any, positions: Sequence[int], *, stamps: Sequence[str], by: str) -> list[Path]:
+    """Where what is made of frames is kept, an .npz each. By their names: a drive that is added to a data set moves the
+    positions of all that come after it. By the stamps of what it is made of, too: of files that have changed since it
+    is no longer theirs."""
+    suffixes = [f".{stamp}.npz" if stamp else ".npz" for stamp in stamps]
+    names = map(dataset.name_of, positions)
+    return [file_of(folder, name, suffix, by=by) for name, suffix in zip(names, suffixes, strict=True)]
 
 
 def why_anew(was: str, now: str) -> str:

@@ -75,7 +75,7 @@ def cell_column(azimuth_rad: Float[Array, "*b n"], grid: PolarGrid) -> Int[Array
 
 @partial(jax.jit, static_argnames="shape")
 def scatter_nearest(
-    range_m: Float[Array, "*b n"],
+    range_m: Float[Array, "*b n"] | Int[Array, "*b n"],
     row: Int[Array, "*b n"],
     column: Int[Array, "*b n"],
     *,
@@ -85,8 +85,8 @@ def scatter_nearest(
     """Index of each cell's nearest point, the first of equals (0 where there is none), and whether it has one.
 
     Points that are not `inside`, or whose row or column is not in `shape`, are left out. Ranges are compared
-    as float32 and must be finite and not negative where `inside`. Two scatter-min passes over int32, the
-    range's bits and then the index: no sort, no 64-bit words.
+    as float32 and must be finite and not negative where `inside`; whole numbers in their place (int32) may be. Two
+    scatter-min passes over int32, the range's bits and then the index: no sort, no 64-bit words.
     """
     *batch, _ = range_m.shape
     rows, columns = shape
@@ -98,8 +98,10 @@ def scatter_nearest(
         first = jnp.arange(frames, dtype=jnp.int32).reshape(*batch, 1) * (rows * columns)
         cell = cell + jnp.broadcast_to(first, cell.shape)
     cell = jnp.where(inside, cell, cells).ravel()
-    # Floats that are not negative are ordered like their bits read as integers.
-    bits = jax.lax.bitcast_convert_type(range_m.astype(jnp.float32), jnp.int32).ravel()
+    if not jnp.issubdtype(range_m.dtype, jnp.integer):
+        # Floats that are not negative are ordered like their bits read as integers.
+        range_m = jax.lax.bitcast_convert_type(range_m.astype(jnp.float32), jnp.int32)
+    bits = range_m.ravel()
     nothing = jnp.full(cells, _NOTHING, jnp.int32)
     nearest = nothing.at[cell].min(bits, mode="drop")
     wins = bits == nearest.at[cell].get(mode="fill", fill_value=-1)

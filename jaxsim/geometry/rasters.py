@@ -232,3 +232,13 @@ def nearest_known(known: Bool[np.ndarray, "h w"]) -> tuple[Float[np.ndarray, "h 
     place = np.zeros(int(label.max()) + 1, np.int64)
     place[label[known]] = np.flatnonzero(known)
     return np.asarray(away_px), place[label]
+
+
+def close_gaps(raster: Float[np.ndarray, "h w"], valid: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """The raster (float32) whose cells that are not valid have the value of the nearest valid one; 0 where none is."""
+    raster = raster.astype(np.float32)
+    if valid.all():
+        return raster
+    if not valid.any():
+        return np.zeros_like(raster)
+    return raster.ravel()[nearest_known(valid)[1]]

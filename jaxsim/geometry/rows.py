@@ -242,12 +242,7 @@ def fit_beams(
     rho, z = np.hypot(xyz[:, 0], xyz[:, 1]).astype(np.float64), xyz[:, 2].astype(np.float64)
     enough = np.bincount(row, minlength=lines) >= ENOUGH_POINTS
     origin, slope, miss = fit_cones(
-        rho,
-        z,
-        row,
-        origin_m=np.asarray(prior.origin_m, np.float64),
-        slope=np.tan(prior.elevation_rad),
-        enough=enough,
+        rho, z, row, origin_m=np.asarray(prior.origin_m, np.float64), slope=np.tan(prior.elevation_rad), enough=enough
     )
     off_deg = np.rad2deg(np.median(np.abs(miss) / np.maximum(rho, 1e-3))) if len(z) else 0.0
     if off_deg > _FITS_DEG:

@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float
 from jaxsim.frame import Array
 from jaxsim.metrics.bev import SCAN_COLUMNS, SCAN_ROWS, spherical_image
 from jaxsim.products import PRECISION
-from jaxsim.weights import Arrays, Converter, checked_arrays, load_weights
+from jaxsim.weights import Arrays, Converter, checked_arrays, kernel_of, load_weights
 
 ENCODER_BLOCKS = (1, 2, 8, 8, 4)
 """Residual blocks of each of the five encoder stages."""
@@ -94,11 +94,8 @@ def fold_batch_norm(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] 
         scale = stored["weight"] / np.sqrt(stored["running_var"] + BATCH_NORM_EPS)
         shift = stored["bias"]
         weight = arrays[f"{name}.weight"]
-        if name.endswith("upconv"):
-            # A transposed convolution is one with the taps reversed.
-            kernel, bias = weight.transpose(2, 3, 0, 1)[:, ::-1], arrays[f"{name}.bias"]
-        else:
-            kernel, bias = weight.transpose(2, 3, 1, 0), np.zeros_like(shift)
+        up = name.endswith("upconv")
+        kernel, bias = kernel_of(weight, transposed=up), arrays[f"{name}.bias"] if up else np.zeros_like(shift)
         # (conv(x) + bias - mean) scale + shift, as one convolution and one bias.
         values[name] = (
             (kernel * scale).astype(np.float32),

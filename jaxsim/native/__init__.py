@@ -5,7 +5,7 @@ it is what the C++ is tested against. `build.form` says which is taken; JAXSIM_N
 when they are traced.
 
 build                                          compiles, keeps and loads it
-all.cc, of convolve.cc, tables.cc, query.cc    for `detect.native`
+all.cc, of convolve.cc, tables.cc, query.cc    for `detect.sparse` and `detect.roi_head`
     patches.cc                                 for `prepare.denoise.lidia.patches`
     tasks.h                                    what they share
 """

@@ -121,7 +121,7 @@ ffi::Error StridedSites(ffi::ThreadPool pool, Integers inputs, Numbers shape,
 
 }  // namespace
 
-// What `_attributes` of detect/native.py gives, after the arguments.
+// What `_numbers` of detect/sparse.py gives, after the arguments.
 template <typename Binding>
 auto WithWindow(Binding binding) {
   return std::move(binding).template Attr<Numbers>("shape").template Attr<Numbers>("out_shape")

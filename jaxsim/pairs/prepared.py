@@ -24,7 +24,7 @@ from jaxsim.data.records import (
     record_of,
 )
 from jaxsim.devices import wait
-from jaxsim.files import check_name, file_of, making, placed, read_arrays, stamp_of, write_arrays
+from jaxsim.files import check_name, kept_files, making, placed, read_arrays, stamp_of, write_arrays
 from jaxsim.frame import Frame, Pair
 from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
@@ -86,7 +86,8 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, *, prepar
     """
     if data.kind == "prepared":
         return dataset.pairs(positions, prepare)
-    files = _files(pairs_folder(data, prepare), dataset, positions)
+    stamps, folder = pair_stamps(dataset, positions), pairs_folder(data, prepare)
+    files = kept_files(folder, dataset, positions, stamps=stamps, by="prepared")
     # Pairs for which labels were asked are those without, too.
     labelled = pairs_folder(data, replace(prepare, inputs=("semantic",)))
     if all((labelled / file.name).is_file() for file in files):
@@ -114,14 +115,6 @@ def pairs_before(
     both = zip(followers, scenes, earlier.scenes, earlier, strict=True)
     pair_before = {p: pair for p, scene, scene_before, pair in both if scene == scene_before}
     return [pair_before.get(p) for p in positions]
-
-
-def _files(folder: Path, dataset: Any, positions: Sequence[int]) -> list[Path]:
-    """By name: a drive that is added to a data set moves the positions of all that come after it. By their sources,
-    too: a pair of files that have changed since is no longer theirs."""
-    suffixes = [f".{stamp}.npz" if stamp else ".npz" for stamp in pair_stamps(dataset, positions)]
-    names = map(dataset.name_of, positions)
-    return [file_of(folder, name, suffix, by="prepared") for name, suffix in zip(names, suffixes, strict=True)]
 
 
 def _make(dataset: Any, missing: Sequence[tuple[int, Path]], *, kind: str, prepare: PrepareConfig) -> None:

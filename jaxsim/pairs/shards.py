@@ -291,7 +291,17 @@ def _make_on_worker(shard: Shard, folder: Path, job: PairJob) -> int:
 def _shown(shards: Sequence[Shard], folder: Path, *, bar: Progress) -> Iterator[None]:
     """Shows on `bar` what appears in the folder while the block runs."""
     ended = threading.Event()
-    watch = threading.Thread(target=_show, args=(shards, folder), kwargs={"bar": bar, "ended": ended}, daemon=True)
+
+    def show() -> None:
+        waiting = list(shards)
+        last = False
+        while waiting and not last:
+            last = ended.wait(POLL_S)
+            for shard in [shard for shard in waiting if _note_of(shard, folder).is_file()]:
+                waiting.remove(shard)
+                bar.update(len(shard.positions))
+
+    watch = threading.Thread(target=show, daemon=True)
     try:
         watch.start()
         yield
@@ -299,13 +309,3 @@ def _shown(shards: Sequence[Shard], folder: Path, *, bar: Progress) -> Iterator[
         ended.set()
         if watch.is_alive():
             watch.join()
-
-
-def _show(shards: Sequence[Shard], folder: Path, *, bar: Progress, ended: threading.Event) -> None:
-    waiting = list(shards)
-    last = False
-    while waiting and not last:
-        last = ended.wait(POLL_S)
-        for shard in [shard for shard in waiting if _note_of(shard, folder).is_file()]:
-            waiting.remove(shard)
-            bar.update(len(shard.positions))

@@ -47,29 +47,26 @@ def conv2d(
 
     The padding is explicit: XLA's SAME would put it on one side only at stride 2 and shift the grid.
     """
-    rows, columns = kernel.shape[0] // 2, kernel.shape[1] // 2
-    if on_cpu():
-        if padding == "reflect":
-            x = reflect_pad(x, (rows, columns))
-            rows, columns = 0, 0
-        return convolve(x, kernel, stride=stride, padding=(rows, columns))
+    cells = kernel.shape[0] // 2, kernel.shape[1] // 2
     if padding == "reflect":
-        x = jnp.pad(x, ((0, 0), (rows, rows), (columns, columns), (0, 0)), mode="reflect")
-        rows, columns = 0, 0
-    return lax.conv_general_dilated(
-        x, kernel, (stride, stride), ((rows, rows), (columns, columns)), dimension_numbers=("NHWC", "HWIO", "NHWC")
-    )
+        x = reflect_pad(x, cells) if on_cpu() else jnp.pad(x, ((0, 0), *_both_sides(cells), (0, 0)), mode="reflect")
+        cells = 0, 0
+    if on_cpu():
+        return convolve(x, kernel, stride=stride, padding=cells)
+    return _convolve(x, kernel, around=_both_sides(cells), stride=stride)
 
 
 def upsample_conv2d(
     x: Float[Array, "b h w c_in"], kernel: Float[Array, "3 3 c_in c_out"]
 ) -> Float[Array, "b 2*h 2*w c_out"]:
     """`conv2d` of x at twice the rows and columns, nearest neighbour, reflect padding."""
-    if on_cpu():
-        return upsample_convolve(x, kernel)
+    return upsample_convolve(x, kernel) if on_cpu() else conv2d(doubled(x), kernel)
+
+
+def doubled(x: Float[Array, "b h w c"]) -> Float[Array, "b 2*h 2*w c"]:
+    """Twice the rows and columns, nearest neighbour."""
     b, h, w, c = x.shape
-    doubled = jnp.broadcast_to(x[:, :, None, :, None], (b, h, 2, w, 2, c)).reshape(b, 2 * h, 2 * w, c)
-    return conv2d(doubled, kernel)
+    return jnp.broadcast_to(x[:, :, None, :, None], (b, h, 2, w, 2, c)).reshape(b, 2 * h, 2 * w, c)
 
 
 def transposed_conv2d(

@@ -18,7 +18,7 @@ from jaxsim.files import placed
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
 from jaxsim.pix2pix.layers import statistics_type
-from jaxsim.weights import Converter, checked_arrays, read_state_dict
+from jaxsim.weights import Converter, checked_arrays, kernel_of, read_state_dict
 
 LossWeights = dict[str, Array]
 Judgement = Sequence[tuple[Array, Sequence[Array]]]
@@ -176,7 +176,7 @@ def load_vgg(path: Path | None) -> LossWeights:
         raise FileNotFoundError(f"perceptual loss: {missing}; {HOW_TO_GET}")
     with placed(f"perceptual loss: {path}", then=HOW_TO_GET):
         arrays = VGG19.convert(read_state_dict(path))
-    return {name: array.transpose(2, 3, 1, 0) if array.ndim == 4 else array for name, array in arrays.items()}
+    return {name: kernel_of(array) if array.ndim == 4 else array for name, array in arrays.items()}
 
 
 def vgg_features(

@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jaxsim.config import Pix2PixForm
+from jaxsim.files import placed
 from jaxsim.pix2pix.steps import Network
-from jaxsim.weights import Arrays
+from jaxsim.weights import Arrays, checked_arrays, kernel_of, published_shape
 
 Keys = tuple[Any, ...]
 
@@ -52,44 +53,26 @@ def from_published(arrays: Arrays, like: Network, form: Pix2PixForm = "imaginair
     running statistics that instance norms do not use are left alone.
     """
     places = places_of(like, form)
-    faults = []
-
-    def adopt(path: Any, value: Any) -> np.ndarray:
-        slot = places[keys_of(path)]
-        shape = _their_shape(value.shape, slot)
-        if slot.name not in arrays or arrays[slot.name].shape != shape:
-            stored = arrays[slot.name].shape if slot.name in arrays else "missing"
-            faults.append(f"{slot.name} is {stored}, not {shape}")
-            # A stand-in: all faults are told at once, below.
-            return np.zeros(value.shape, np.float32)
-        return _ours(np.asarray(arrays[slot.name], np.float32), slot)
-
-    network = Network(jax.tree.map_with_path(adopt, like.parameters), jax.tree.map_with_path(adopt, like.vectors))
-    known = {slot.name for slot in places.values()}
-    faults += [f"{name} has no place" for name in arrays if name not in known and not UNUSED.search(name)]
-    if faults:
-        more = f"; and {len(faults) - 6} more" if len(faults) > 6 else ""
-        raise ValueError(
-            f"published weights do not fit the configured network ({form} form): {'; '.join(faults[:6])}{more}. "
-            "Set generator.* or discriminator.* to the checkpoint's form and sizes"
-        )
-    return network
+    leaves = jax.tree.leaves_with_path((like.parameters, like.vectors))
+    # The first step of a path says which of the two trees.
+    slots = [(places[keys_of(path[1:])], leaf.shape) for path, leaf in leaves]
+    shapes = {slot.name: published_shape(shape, transposed=slot.transposed) for slot, shape in slots}
+    then = "set generator.* or discriminator.* to the checkpoint's form and sizes"
+    with placed(f"published weights do not fit the configured network ({form} form)", then=then):
+        values = checked_arrays(arrays, shapes)
+        if strange := [name for name in arrays if name not in shapes and not UNUSED.search(name)]:
+            raise ValueError(f"{', '.join(strange[:5])} has no place there")
+    structure = jax.tree.structure((like.parameters, like.vectors))
+    return Network(*jax.tree.unflatten(structure, [_ours(values[slot.name], slot) for slot, _ in slots]))
 
 
 def _ours(array: np.ndarray, slot: Place) -> np.ndarray:
     if array.ndim == 4:
-        return array.transpose(2, 3, 0, 1)[::-1, ::-1] if slot.transposed else array.transpose(2, 3, 1, 0)
+        return kernel_of(array, transposed=slot.transposed)
     if slot.name.endswith("weight_v"):
         kh, kw, channels = slot.kernel_shape[:3]
         return array.reshape(channels, kh, kw).transpose(1, 2, 0).reshape(-1)
     return array
-
-
-def _their_shape(shape: tuple[int, ...], slot: Place) -> tuple[int, ...]:
-    if len(shape) < 4:
-        return shape
-    kh, kw, narrow, wide = shape
-    return (narrow, wide, kh, kw) if slot.transposed else (wide, narrow, kh, kw)
 
 
 def keys_of(path: Any) -> Keys:

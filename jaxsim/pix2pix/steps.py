@@ -8,7 +8,7 @@ image and from each other as they were.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -18,6 +18,7 @@ from flax import nnx, struct
 from jax.sharding import Mesh
 from jaxtyping import Float, PyTree
 
+from jaxsim.compilation import compiled_to_run_once
 from jaxsim.config import QUANTILES, Experiment, GeneratorConfig, OptimConfig
 from jaxsim.devices import CUT, DATA, WHOLE, everywhere
 from jaxsim.frame import Array
@@ -112,19 +113,12 @@ def discriminator_definition(experiment: Experiment, in_channels: int) -> Any:
 
 def create_state(experiment: Experiment, in_channels: int, seed: int) -> TrainState:
     """A fresh state; the same for the same seed."""
-    return _compiled_create()(experiment, in_channels, jax.random.key(seed))
+    return compiled_to_run_once(_create, (0, 1))(experiment, in_channels, jax.random.key(seed))
 
 
 def state_shapes(experiment: Experiment, in_channels: int) -> TrainState:
     """Shapes and types of a state, without its values."""
     return jax.eval_shape(partial(_create, experiment, in_channels), jax.random.key(0))
-
-
-@cache
-def _compiled_create() -> Callable[[Experiment, int, Array], TrainState]:
-    # It runs once: on a CPU, LLVM would work on it several times as long as is saved.
-    options = {"xla_backend_optimization_level": 0} if on_cpu() else None
-    return jax.jit(_create, static_argnums=(0, 1), compiler_options=options)
 
 
 def _create(experiment: Experiment, in_channels: int, key: Array) -> TrainState:

@@ -19,7 +19,7 @@ from jaxtyping import Float, PyTree
 
 from jaxsim.config import GeneratorConfig
 from jaxsim.frame import Array
-from jaxsim.pix2pix.convolution import conv2d
+from jaxsim.pix2pix.convolution import conv2d, doubled
 
 OWN = 4
 """Channels of a cell's own part, in those of the first level."""
@@ -92,7 +92,7 @@ class UNet(nnx.Module):
             for block in blocks:
                 x = block(x)
         for k in reversed(range(len(skips))):
-            x = skips[k] + _doubled(self.narrow[k](x))
+            x = skips[k] + doubled(self.narrow[k](x))
             for block in self.up[k - 1] if k else ():
                 x = block(x)
         own = jax.nn.relu(self.response(jax.nn.relu(self.own(inputs))))
@@ -135,8 +135,3 @@ def cells_alone(parameters: PyTree) -> PyTree:
 def _halved(x: Float[Array, "b h w c"]) -> Float[Array, "b h/2 w/2 c"]:
     b, h, w, c = x.shape
     return x.reshape(b, h // 2, 2, w // 2, 2, c).mean((2, 4))
-
-
-def _doubled(x: Float[Array, "b h w c"]) -> Float[Array, "b 2*h 2*w c"]:
-    b, h, w, c = x.shape
-    return jnp.broadcast_to(x[:, :, None, :, None], (b, h, 2, w, 2, c)).reshape(b, 2 * h, 2 * w, c)

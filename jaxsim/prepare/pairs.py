@@ -29,8 +29,7 @@ from jaxsim.geometry.camera import crop_offsets
 from jaxsim.geometry.rasters import all_within, check_array, check_rasters, span_in_words
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
-from jaxsim.prepare.depth import complete_view
-from jaxsim.prepare.depth.frames import sparse_depth
+from jaxsim.prepare.depth import complete_view, sparse_depth
 from jaxsim.prepare.depth.penet import check_crop, open_penet
 from jaxsim.prepare.paint import paint
 

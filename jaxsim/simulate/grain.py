@@ -157,12 +157,7 @@ def _border(
 
 @jax.jit
 def draw_field(
-    on: Breaks,
-    key: Array,
-    *,
-    columns: Float[Array, ""],
-    rows: Float[Array, ""],
-    edge_m: Float[Array, ""],
+    on: Breaks, key: Array, *, columns: Float[Array, ""], rows: Float[Array, ""], edge_m: Float[Array, ""]
 ) -> _Cells:
     """One draw of a field of these lengths, cells; every cell of it is standard normal."""
     # An exponential correlation: one cell on it falls by 1 / length, and by the bend of the surface over `edge_m`; at

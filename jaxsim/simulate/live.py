@@ -12,7 +12,6 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from statistics import median
 from typing import Any
 
@@ -20,7 +19,6 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid
 from jaxsim.geometry import directions, known_or_right, network_incidence, polar_to_points
 from jaxsim.geometry.rasters import (
@@ -170,10 +168,16 @@ def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generat
     cropped = crop_image(view, prepare.image_crop)
     check_view(cropped, prepare)
     grid, row_share = polar_window(view.camera, size, run.spec, config=prepare)
-    compiled = jax.jit(partial(_cloud_of_view, generate=generate, prepare=prepare))
+
+    @jax.jit
+    def cloud_of(params: Any, seen: CameraFrame, window: NetworkWindow) -> Cloud:
+        grid, row_share = window
+        image, _ = simulate_frame(params, seen, grid, row_share=row_share, generate=generate, prepare=prepare)
+        return polar_to_points(image, grid)
+
     # Arguments that stay on the device: closed over, they would be constants of the program.
     weights, window = jax.device_put((params, (grid, row_share)))
-    call = lambda seen: compiled(weights, with_cameras(seen), window)  # noqa: E731
+    call = lambda seen: cloud_of(weights, with_cameras(seen), window)  # noqa: E731
     latency = _latency(lambda: call(crop_image(view, prepare.image_crop)))
     log.info("live: %s views, %.0f ms a call", _times(view.rgb.shape[:-1]), 1000 * latency)
     check = lambda seen: check_view(seen, prepare)  # noqa: E731
@@ -194,9 +198,20 @@ def attach_rays(run: Run, params: Any, window: NetworkWindow, *, generate: Gener
             f"train one with --prepare.inputs {castable or 'range incidence row'}"
         )
     grid, _ = window
-    compiled = jax.jit(partial(_cloud_of_rays, generate=generate, prepare=prepare))
+
+    @jax.jit
+    def cloud_of(params: Any, painted: Painted, incidence_rad: _Raster | None, window: NetworkWindow) -> Cloud:
+        grid, row_share = window
+        # A caster's angle of a ray that ends nowhere means nothing; training had a right angle there.
+        if incidence_rad is None:
+            angle = network_incidence(painted.range_m, painted.valid, grid)
+        else:
+            angle = known_or_right(incidence_rad, painted.valid)
+        seen = {"incidence_rad": angle, "row_share": row_share}
+        return polar_to_points(simulate_painted(params, painted, **seen, generate=generate, prepare=prepare), grid)
+
     weights, window = jax.device_put((params, window))
-    call = lambda painted, angle: compiled(weights, (painted, angle), window)  # noqa: E731
+    call = lambda painted, angle: cloud_of(weights, painted, angle, window)  # noqa: E731
     needs = tuple(name for name in ("semantic", "edges") if name in prepare.inputs)
     # Without a latency yet, for what is timed is the very function that is handed out.
     live = LiveRays(call, grid, np.asarray(directions(grid)), run.camera, needs, 0.0)
@@ -216,37 +231,6 @@ def with_cameras(view: CameraFrame) -> CameraFrame:
 
 def _times(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape))
-
-
-def _cloud_of_view(
-    params: Any,
-    view: CameraFrame,
-    window: NetworkWindow,
-    *,
-    generate: Generate,
-    prepare: PrepareConfig,
-) -> Cloud:
-    grid, row_share = window
-    image, _ = simulate_frame(params, view, grid, row_share=row_share, generate=generate, prepare=prepare)
-    return polar_to_points(image, grid)
-
-
-def _cloud_of_rays(
-    params: Any,
-    met: tuple[Painted, _Raster | None],
-    window: NetworkWindow,
-    *,
-    generate: Generate,
-    prepare: PrepareConfig,
-) -> Cloud:
-    (painted, incidence_rad), (grid, row_share) = met, window
-    # A caster's angle of a ray that ends nowhere means nothing; training had a right angle there.
-    if incidence_rad is None:
-        angle = network_incidence(painted.range_m, painted.valid, grid)
-    else:
-        angle = known_or_right(incidence_rad, painted.valid)
-    seen = {"incidence_rad": angle, "row_share": row_share}
-    return polar_to_points(simulate_painted(params, painted, **seen, generate=generate, prepare=prepare), grid)
 
 
 def _latency(call: Callable[[], Cloud]) -> float:

@@ -110,12 +110,7 @@ def labelled_prepare(sensors: Mapping[str, LearnedSensor]) -> PrepareConfig:
 
 
 def train_all(
-    experiment: str,
-    out: Path,
-    flags: Sequence[str],
-    *,
-    more: Sequence[str] = (),
-    trainer: Sequence[str] = TRAINER,
+    experiment: str, out: Path, flags: Sequence[str], *, more: Sequence[str] = (), trainer: Sequence[str] = TRAINER
 ) -> list[Path]:
     """Trains the experiment once for each of MODALITIES, with `more` inputs, one after the other; the runs' folders.
 

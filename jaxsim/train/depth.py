@@ -22,16 +22,18 @@ from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.data.seen import Side, warn_of_seen
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
-from jaxsim.prepare.depth.frames import Batches, depth_frame, where_backed
 from jaxsim.prepare.depth.penet import NEAREST_M, save_penet
 from jaxsim.prepare.depth.penet.training import (
+    Batches,
     begin_stage,
     branch_weight,
     check_sizes,
     create_state,
+    depth_frame,
     predict,
     rate,
     train_step,
+    where_backed,
 )
 from jaxsim.progress import Progress
 from jaxsim.report.pictures import depth_picture

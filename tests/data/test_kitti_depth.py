@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.config import DataConfig, DepthExperiment, PenetConfig, Stage
 from jaxsim.data.kitti_depth import KittiDepth, read_kitti_depth
-from jaxsim.prepare.depth.frames import Batches
+from jaxsim.prepare.depth.penet.training import Batches
 from jaxsim.train.depth import frames_of
 
 DRIVE, SIZE, CROP = "2011_09_26_drive_0002_sync", (80, 120), (64, 96)

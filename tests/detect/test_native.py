@@ -11,7 +11,7 @@ import pytest
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
 from jaxsim.config import RoiConfig, VoxelConfig
-from jaxsim.detect import native
+from jaxsim.detect import roi_head, sparse
 from jaxsim.detect.roi_head import voxel_query
 from jaxsim.detect.sparse import (
     CUBE,
@@ -229,7 +229,7 @@ def test_a_wrong_answer_is_found(monkeypatch, tmp_path):
     for name in build.FUNCTIONS:
         target = jax.ffi.pycapsule(getattr(functions, f"jaxsim_{name}"))
         jax.ffi.register_ffi_target(f"jaxsim_wrong_{name}", target, platform="cpu")
-    right = native.call
+    right = sparse.call
     checks = {
         "neighbours": test_submanifold_tables_are_the_same,
         "convolve": partial(test_values_and_gradients_are_the_same_for_any_channels, (4, 16)),
@@ -241,6 +241,7 @@ def test_a_wrong_answer_is_found(monkeypatch, tmp_path):
         def call(name, *given, faulty=faulty, **more):
             return right(f"wrong_{name}" if name == faulty else name, *given, **more)
 
-        monkeypatch.setattr(native, "call", call)
+        for module in (sparse, roi_head):
+            monkeypatch.setattr(module, "call", call)
         with pytest.raises(AssertionError, match="Mismatched elements"):
             check(monkeypatch)

@@ -14,9 +14,9 @@ from pydantic import TypeAdapter
 from jaxsim.cloud.kitti_tree import TreeRecord
 from jaxsim.config import DataConfig, DepthExperiment, DetectorExperiment, Experiment, LoopConfig, PrepareConfig
 from jaxsim.data.clouds import read_cloud
+from jaxsim.data.logs.range_images import read_range_images
 from jaxsim.data.polar_frames import open_polar_frames, read_grid, write_frame, write_grid
 from jaxsim.data.prepared_set import PreparedSet
-from jaxsim.data.range_images import read_range_images
 from jaxsim.data.records import PairRecord, example_of, kept_of
 from jaxsim.data.tfds_builder import About, JaxsimPairs, Shard, SplitPairs, serialized
 from jaxsim.detect.scenes import Scene, View, read_scene, write_scene

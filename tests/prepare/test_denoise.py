@@ -49,3 +49,10 @@ def test_stays_within_what_was_measured_and_leaves_its_input_alone(intensity, va
 def test_an_unknown_method_is_answered_with_the_known_ones():
     with pytest.raises(ValueError, match="no method 'bm3d'; known: none, non_local_means, lidia"):
         denoise(np.zeros((4, 4), np.float32), np.ones((4, 4), bool), "bm3d")
+
+
+def test_non_local_means_takes_noise_and_leaves_edges():
+    clean, intensity = noisy()
+    smooth = denoise(intensity, np.ones(SHAPE, bool), "non_local_means")
+    assert np.abs(smooth - clean).mean() < 0.4 * np.abs(intensity - clean).mean()
+    assert (smooth[:, 31] - smooth[:, 28] > 0.35).all()

@@ -1,12 +1,12 @@
 """Logs of LiDARs, as makers, data sets, robots and simulators write them, as folders of polar frames.
 
-scan        what a source delivers, scan by scan, and the options that it is read with
-makers      Ouster, nuScenes, KITTI, and beside it `velodyne` and `argoverse2`
-files       PCD, PLY, LAS; CARLA's raw buffers
-images      labelled range images
-messages    ROS bags and MCAP, ASAM OSI traces
-gridding    the sensor's beams and columns from its first scans, and every scan on that grid
-folder      a log to a folder: `write_log` (`jaxsim frames`)
+scan          what a source delivers, scan by scan, and the options that it is read with
+makers        Ouster, Velodyne, nuScenes, Argoverse 2, KITTI
+files         PCD, PLY, LAS; CARLA's raw buffers
+range_images  labelled range images, which segmentation learns from, too
+messages      ROS bags and MCAP, ASAM OSI traces
+gridding      the sensor's beams and columns from its first scans, and every scan on that grid
+folder        a log to a folder: `write_log` (`jaxsim frames`)
 
 A source of one's own is a `Source`, and joins by an entry point:
 
@@ -19,7 +19,7 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from jaxsim.data.logs import files, images, makers, messages
+from jaxsim.data.logs import files, makers, messages, range_images
 from jaxsim.data.logs.folder import Written, write_log
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
 from jaxsim.files import loaded
@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 GROUP = "jaxsim.sources"
-SOURCES: dict[str, Source] = files.SOURCES | makers.SOURCES | messages.SOURCES | images.SOURCES
+SOURCES: dict[str, Source] = files.SOURCES | makers.SOURCES | messages.SOURCES | range_images.SOURCES
 """Every family by its name, those that are told most surely first."""
 
 

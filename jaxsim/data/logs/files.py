@@ -109,7 +109,7 @@ def _check_promises(file: Path, header: Any) -> None:
 
 
 def read_las(file: Path, options: LogOptions) -> LogScan:
-    """A LAS or LAZ; the ring is an extra dimension (ring, laser_number ...), or user_data where it holds rings."""
+    """A LAS or LAZ; the ring is an extra dimension (ring, laser_number ...)."""
     laspy = need("laspy", "las", by="las")
     with reading("las", file, "it is cut off, or no LAS; copy it again (.laz needs lazrs, in the extra, too)"):
         _check_records(file)

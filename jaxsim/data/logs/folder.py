@@ -174,7 +174,7 @@ def _begin(
         sensor = infer_sensor([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
     grid = sensor.grid if sensor else next(scan.grid for _, scan in first if isinstance(scan, Sweep))
     write_text(record, json.dumps(made | {"sensor": sensor.to_json() if sensor else None}, indent=1))
-    again = (Item(item.name, lambda scan=scan: scan, item.files) for item, scan in first)
+    again = (item._replace(read=lambda scan=scan: scan) for item, scan in first)
     return grid, sensor, chain(again, items)
 
 

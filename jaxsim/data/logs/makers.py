@@ -1,9 +1,11 @@
-"""Recordings as makers and data sets write them: Ouster, nuScenes, KITTI; and the table of all of them."""
+"""Recordings as makers and data sets write them: Ouster, Velodyne, nuScenes, Argoverse 2, KITTI; and their table."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
+from io import BufferedReader, FileIO
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +13,20 @@ import numpy as np
 from jaxsim.data.clouds import SENSOR, compensated_spec, read_scan
 from jaxsim.data.kitti import SCANS
 from jaxsim.data.kitti_files import scan_time
-from jaxsim.data.logs.argoverse2 import argoverse2_items
-from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
-from jaxsim.data.logs.velodyne import velodyne_items
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, offsets, reading, scan_of_fields
 from jaxsim.data.semantic_kitti import labels_of, read_point_labels
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
-from jaxsim.files import files_in
+from jaxsim.files import files_in, need
 from jaxsim.geometry import preset
 
 _KITTI_COLUMNS = preset("hdl64e").columns
+_VELODYNE_BYTES = 1206
+_LARGEST_PACKET = 2**18
+"""libpcap's own limit."""
+_WHOLE_TURN = 0.95
+"""Share of the firings of the turn before that the last turn of a recording has where it is whole."""
+_UPPER_LASERS = 32
+"""Of Argoverse 2: those below are the upper sensor's."""
 
 
 def ouster_items(path: Path, options: LogOptions) -> Iterator[Item]:
@@ -33,7 +40,80 @@ def ouster_items(path: Path, options: LogOptions) -> Iterator[Item]:
     )
     with reading("ouster", path, "copy it again, or record with a profile that ouster-sdk reads"):
         for sweep in sweeps:
-            yield Item(sweep.name, lambda sweep=sweep: sweep)
+            yield Item.of(sweep)
+
+
+def velodyne_items(path: Path, options: LogOptions) -> Iterator[Item]:
+    """The turns of a .pcap of Velodyne's packets, through velodyne-decoder. The last one is partial where it has
+    clearly fewer firings than the one before; a turn alone, where the file ends within a packet."""
+    hint = "copy it again; an HDL-64E needs --log.meta calibration.yml"
+    before: LogScan | None = None
+    last: LogScan | None = None
+    with reading("velodyne", path, hint), _Packets(FileIO(path)) as packets:
+        # The decoder's turns begin where the recording does, so the last one alone can be partial.
+        for scan in _velodyne_scans(path, packets, options):
+            if last is not None:
+                yield Item.of(last)
+            before, last = last, scan
+    if last is None:
+        raise ValueError(f"velodyne: {path} holds no packet of a Velodyne sensor ({_VELODYNE_BYTES} bytes each)")
+    is_partial = packets.is_cut if before is None else _firings(last) < _WHOLE_TURN * _firings(before)
+    yield Item.of(replace(last, is_partial=is_partial))
+
+
+def _velodyne_scans(path: Path, packets: _Packets, options: LogOptions) -> Iterator[LogScan]:
+    decoder = need("velodyne_decoder", "velodyne", by="velodyne")
+    config = decoder.Config()
+    if options.meta is not None:
+        config.calibration = decoder.Calibration.read(str(options.meta))
+    for number, (stamp, points) in enumerate(decoder.read_pcap(packets, config, as_pcl_structs=True)):
+        points = points[_fired(points)]
+        name = f"{path.stem}-{number:06d}"
+        yield scan_of_fields(
+            {field: points[field] for field in points.dtype.names},
+            options,
+            by="velodyne",
+            where=name,
+            name=name,
+            scene=path.stem,
+            time_s=float(getattr(stamp, "host", stamp)),
+            full_scale=255.0,
+        )
+
+
+def _firings(scan: LogScan) -> int:
+    return 0 if scan.offset_s is None else len(np.unique(scan.offset_s))
+
+
+class _Packets(BufferedReader):
+    """A recording for a library that makes room for whatever length a packet's header promises, and that takes what
+    is left of a packet for its end."""
+
+    is_cut = False
+    """Whether the file ended within a packet."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > _LARGEST_PACKET:
+            raise ValueError(f"a packet's header promises {size} bytes; it is damaged")
+        content = super().read(size)
+        self.is_cut |= size is not None and 0 < len(content) < size
+        return content
+
+
+def _fired(points: np.ndarray) -> np.ndarray:
+    """Which points lie where they were fired at: not those that the decoder puts between the end of the sensor's window
+    and its begin, since it interpolates azimuths to the next packet. The mirror does not turn three times as fast.
+    """
+    order = np.lexsort((points["time"], points["ring"]))
+    azimuth = np.arctan2(points["y"], points["x"]).astype(np.float64)[order]
+    time_s, ring = points["time"].astype(np.float64)[order], points["ring"][order]
+    turned = np.abs((np.diff(azimuth) + np.pi) % (2 * np.pi) - np.pi)
+    rate = turned / np.maximum(np.diff(time_s), 1e-6)
+    same = (np.diff(ring) == 0) & (np.diff(time_s) > 1e-6)
+    fast = same & (rate > 3 * np.median(rate[same])) if same.any() else same
+    fired = np.ones(len(points), bool)
+    fired[order[1:][fast]] = False
+    return fired
 
 
 def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
@@ -42,6 +122,70 @@ def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
     columns = {} if options.columns is None else {"columns": options.columns}
     for file in files:
         yield Item(file.name.removesuffix(".pcd.bin"), lambda file=file: read_lidar_top(file, **columns), (file,))
+
+
+def argoverse2_items(path: Path, options: LogOptions) -> Iterator[Item]:
+    """Sweeps `sensors/lidar/*.feather` of a log: one of its two stacked sensors, in the frame of that sensor.
+
+    The log's clouds lie in the car's frame with the car's motion taken out; where city_SE3_egovehicle.feather is there,
+    each point goes back to where the sensor saw it. Lasers 0..31 are the upper sensor's (the default), 32..63 the
+    lower one's, which hangs upside down (--log.rings 32-63). Where on the car it stands is told from its beams.
+    """
+    need("pyarrow", "argoverse2", by="argoverse2")
+    files = [path] if path.is_file() else sorted(path.rglob("sensors/lidar/*.feather"))
+    for file in files:
+        log = file.parents[2].name
+        poses = file.parents[2] / "city_SE3_egovehicle.feather"
+        yield Item(f"{log[:8]}-{file.stem}", partial(_argoverse2_scan, file, log, options=options), (file, poses))
+
+
+def _argoverse2_scan(file: Path, log: str, *, options: LogOptions) -> LogScan:
+    table = _feather(file)
+    missing = [key for key in ("x", "y", "z", "intensity", "laser_number", "offset_ns") if key not in table]
+    if missing:
+        raise ValueError(f"argoverse2: {file} has no column {', '.join(missing)}; it has {', '.join(table)}")
+    xyz = np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    poses = file.parents[2] / "city_SE3_egovehicle.feather"
+    stamp = int(file.stem) if file.stem.isdecimal() else None
+    if poses.is_file() and stamp is not None:
+        xyz = _as_fired(xyz, _feather(poses), stamp=stamp, offset_ns=table["offset_ns"])
+    scan = LogScan(
+        name=f"{log[:8]}-{file.stem}",
+        scene=log,
+        xyz_m=xyz.astype(np.float32),
+        intensity=table["intensity"].astype(np.float32),
+        ring=table["laser_number"].astype(np.int64),
+        offset_s=offsets(table["offset_ns"]),
+        time_s=None if stamp is None else stamp / 1e9,
+        full_scale=255.0,
+        mount="fit",
+    )
+    return scan if options.rings else scan.only(table["laser_number"] < _UPPER_LASERS)
+
+
+def _as_fired(xyz_m: np.ndarray, poses: dict[str, np.ndarray], *, stamp: int, offset_ns: np.ndarray) -> np.ndarray:
+    """Points of the car's frame at `stamp` in its frame when each was measured."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    times = (poses["timestamp_ns"].astype(np.int64) - stamp) / 1e9
+    order = np.argsort(times)
+    turns = Rotation.from_quat(np.stack([poses[key] for key in ("qx", "qy", "qz", "qw")], axis=1)[order])
+    places = np.stack([poses[key] for key in ("tx_m", "ty_m", "tz_m")], axis=1)[order]
+    if not times.min() <= 0 <= times.max():
+        raise ValueError(f"argoverse2: sweep {stamp} lies outside the poses of its log; copy city_SE3_egovehicle again")
+    fired = np.clip(offset_ns.astype(np.float64) / 1e9, times.min(), times.max())
+    when = np.concatenate([[0.0], fired])
+    turn = Slerp(times[order], turns)(when)
+    origin = np.stack([np.interp(when, times[order], places[:, k]) for k in range(3)], axis=1)
+    city = turn[0].apply(xyz_m) + origin[0]
+    return turn[1:].apply(city - origin[1:], inverse=True)
+
+
+def _feather(file: Path) -> dict[str, np.ndarray]:
+    feather = need("pyarrow.feather", "argoverse2", by="argoverse2")
+    with reading("argoverse2", file, "it is cut off, or no feather table; copy it again"):
+        table = feather.read_table(file)
+        return {name: table[name].to_numpy() for name in table.column_names}
 
 
 def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:

@@ -90,7 +90,7 @@ def ros_items(path: Path, options: LogOptions) -> Iterator[Item]:
                     f"ros: {scan.name} is in the frame {message.header.frame_id!r}, those before in {frame!r}"
                 )
             frame = message.header.frame_id
-            yield Item(scan.name, lambda scan=scan: scan)
+            yield Item.of(scan)
             number += 1
     if not number:
         raise ValueError(f"ros: {path} holds no PointCloud2 on the topic that was asked for")
@@ -176,7 +176,7 @@ def osi_items(path: Path, options: LogOptions) -> Iterator[Item]:
         try:
             for message in trace:
                 scan = _osi_scan(message, kind, options, name=f"{stem}-{number:06d}", scene=stem)
-                yield Item(scan.name, lambda scan=scan: scan)
+                yield Item.of(scan)
                 number += 1
         finally:
             trace.close()

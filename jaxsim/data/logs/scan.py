@@ -114,6 +114,11 @@ class Item(NamedTuple):
     files: tuple[Path, ...] = ()
     """What it is read from, where that is not the whole log: once one has changed its frame is made anew."""
 
+    @classmethod
+    def of(cls, scan: LogScan | Sweep) -> Item:
+        """A scan that is read already."""
+        return cls(scan.name, lambda: scan)
+
 
 class Source(NamedTuple):
     """A family of logs. Others join by entry points of the group `jaxsim.sources`, whose values are Sources."""

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from jaxsim.frame import Array
 from jaxsim.metrics.inception.network import WIDTHS, Inception, InceptionForm
 from jaxsim.products import einsum
-from jaxsim.weights import Arrays, Converter, checked_arrays, fingerprint, load_weights, weights_kind
+from jaxsim.weights import Arrays, Converter, checked_arrays, fingerprint, kernel_of, load_weights, weights_kind
 
 __all__ = ["CONVERTERS", "FORM_OF_KIND", "WIDTHS", "Extractor", "load_extractor", "open_extractor", "random_extractor"]
 
@@ -87,7 +87,7 @@ def _folded(arrays: Arrays, form: InceptionForm) -> Any:
         scale = scale / np.sqrt(variance + BATCH_NORM_EPS)
         if path[-1].key == "bias":
             return (shift - mean * scale).astype(np.float32)
-        return (arrays[f"{name}.conv.weight"].transpose(2, 3, 1, 0) * scale).astype(np.float32)
+        return (kernel_of(arrays[f"{name}.conv.weight"]) * scale).astype(np.float32)
 
     return jax.tree.map_with_path(adopt, _abstract(form)[1])
 

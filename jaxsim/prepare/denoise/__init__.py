@@ -9,11 +9,30 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.prepare.denoise.classical import close_gaps, non_local_means
+from jaxsim.geometry.rasters import close_gaps
 from jaxsim.prepare.denoise.lidia import open_lidia
+
+_SCALE = 10_000  # integer steps of intensity: finer than the sensor's 1/100, so filtering adds no steps
+
+
+def non_local_means(
+    intensity: Float[np.ndarray, "rows columns"], *, strength: float = 0.1
+) -> Float[np.ndarray, "rows columns"]:
+    """Each cell becomes the mean of cells in the 21 x 21 around it whose 7 x 7 neighbourhoods look alike (Buades, Coll,
+    Morel: A Non-Local Algorithm for Image Denoising, CVPR 2005).
+
+    `strength` is the mean difference in intensity up to which two neighbourhoods count as alike.
+    """
+    integer = np.round(np.clip(intensity, 0, 1) * _SCALE).astype(np.uint16)
+    smooth = cv2.fastNlMeansDenoising(
+        integer, [strength * _SCALE], templateWindowSize=7, searchWindowSize=21, normType=cv2.NORM_L1
+    )
+    return smooth.astype(np.float32) / np.float32(_SCALE)
+
 
 METHODS = {"none": lambda intensity: intensity, "non_local_means": non_local_means}
 """Filters that need no weights; `lidia` does."""

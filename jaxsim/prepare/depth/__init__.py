@@ -2,7 +2,6 @@
 
 A method takes sparse depth with its mask and gives dense depth with its mask; it never writes into its input.
 
-    frames         sparse depth of a scan in its image
     ip_basic       filled by morphology
     penet          completed by a network that sees the image
 """
@@ -10,21 +9,48 @@ A method takes sparse depth with its mask and gives dense depth with its mask; i
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.frame import CameraFrame
+from jaxsim.frame import Array, Camera, CameraFrame, Cloud
+from jaxsim.geometry import project, scatter_nearest
 from jaxsim.geometry.rasters import nearest_known
 from jaxsim.prepare.depth.ip_basic import fill_in_fast, fill_in_multiscale
 from jaxsim.prepare.depth.penet import open_penet
 
+_NEAREST_M = 0.1
 REACH_PX, SAME_SURFACE = 3.0, 0.1
 """Of `through_points`: half of what lines of an HDL-64E lie apart at most, and by which share a surface's depth may be
 missed."""
 METHODS = {"ip_basic": fill_in_multiscale, "ip_basic_fast": fill_in_fast}
 """Methods that use the sparse depth alone; `penet` also takes the image, and weights."""
+
+
+@partial(jax.jit, static_argnames="size")
+def sparse_depth(
+    cloud: Cloud, camera: Camera, size: tuple[int, int]
+) -> tuple[Float[Array, "*b h w"], Bool[Array, "*b h w"]]:
+    """Planar depth in metres of the nearest point in each pixel of an image of `size` (h, w), and its mask.
+
+    Points nearer to the image plane than 0.1 m and points outside the image are left out, as in KITTI's
+    depth-completion set; a pixel reaches half a pixel around its centre.
+    """
+    uv, depth_m = project(camera, cloud.xyz_m)
+    pixel = jnp.floor(uv + 0.5)
+    inside = cloud.valid & (depth_m > _NEAREST_M) & jnp.isfinite(depth_m)
+    u, v = pixel[..., 0], pixel[..., 1]
+    inside &= (u >= 0) & (u < size[1]) & (v >= 0) & (v < size[0])
+    row = jnp.where(inside, v, 0).astype(jnp.int32)
+    column = jnp.where(inside, u, 0).astype(jnp.int32)
+    # Points that are left out take cell (0, 0) for an index alone: the mask keeps them from winning it.
+    winner, valid = scatter_nearest(depth_m, row, column, inside=inside, shape=size)
+    nearest = jnp.take_along_axis(depth_m, winner.reshape(*depth_m.shape[:-1], -1), axis=-1)
+    return jnp.where(valid, nearest.reshape(winner.shape), 0), valid
 
 
 def complete_depth(

@@ -10,14 +10,13 @@ measured    the sensor's own
 All are judged on measured intensities that neither network saw: of other parts, or of another folder. Without a folder
 the images are the embedded world's, whose classes are of paint and water too: a suburb to learn from, a town to judge.
 
-    networks.py   what learns: the sensor, and who tells classes apart
-    descent.py    updates in memory
-    iou.py        how well classes are told, and what intensity is worth
-    study.py      which image simulates, learns or is judged when; scores and table
+    networks.py   what learns, in memory: the sensor, and who tells classes apart
+    study.py      which image simulates, learns or is judged when; how well classes are told, and the table
 
 OUT/settings.json, OUT/images.json (stamps of the folders' images) or OUT/images/{suburb,town}/NAME.npz (of the embedded
 world), OUT/intensity/PART.npz, OUT/scores/KIND_part0_seed0.json, OUT/segmentation.{md,json}. Its many small networks
-are no runs of `jaxsim.train`: they learn in memory (`descent.py`), and what they tell is kept.
+are no runs of `jaxsim.train`, each with a folder, checkpoints and a card: they learn in memory (`networks.descend`),
+and what they tell is kept.
 """
 
 from __future__ import annotations
@@ -27,15 +26,14 @@ import logging
 from pathlib import Path
 
 from jaxsim.config import SegmentationConfig
-from jaxsim.data.range_images import CLASSES_FILE, range_image_files
+from jaxsim.data.logs.range_images import CLASSES_FILE, range_image_files
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.data.synthetic.labelled import LABEL_CLASSES, write_labelled
 from jaxsim.data.synthetic.world import FRAMES_PER_DRIVE
 from jaxsim.files import claim, claim_settings, stamp, write_text
 from jaxsim.progress import Progress
 from jaxsim.report.results import write_results
-from jaxsim.studies.segmentation.iou import INTENSITIES
-from jaxsim.studies.segmentation.study import Study
+from jaxsim.studies.segmentation.study import INTENSITIES, Study
 
 SUBURB, TOWN = "suburb", "town"
 _log = logging.getLogger(__name__)

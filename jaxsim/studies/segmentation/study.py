@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from jaxsim.config import QUANTILES, SegmentationConfig
-from jaxsim.data.range_images import RangeImage, class_names, read_range_images
-from jaxsim.files import read_entry, replacing, write_arrays
-from jaxsim.files.arrays import read_arrays
+from jaxsim.data.logs.range_images import RangeImage, class_names, read_range_images
+from jaxsim.files import read_arrays, read_entry, replacing, write_arrays
 from jaxsim.report.results import markdown_table, number_or_none
 from jaxsim.simulate.grain_fit import fit_intensity
-from jaxsim.studies.segmentation.iou import INTENSITIES, class_iou, confusion, mean_iou, worth
 from jaxsim.studies.segmentation.networks import (
     class_loss,
     classify,
@@ -27,6 +25,11 @@ from jaxsim.studies.segmentation.networks import (
     simulate,
     train_network,
 )
+
+INTENSITIES = ("none", "simulated", "measured")
+"""Intensities that networks learn from, in the order of the table."""
+Confusion = Int[np.ndarray, "classes classes"]
+"""Cells by true class (rows) and told class (columns), of all that returned and have a label."""
 
 
 class Study:
@@ -187,6 +190,36 @@ class Study:
         if self.judged is not None:
             head = f"{len(self.images)} images, and {len(self.judged)} others to judge; "
         return f"{head}{seeds} seed{'s' * (seeds > 1)}.\n\n{markdown_table(heads, rows)}\n\n{words}"
+
+
+def confusion(label: Int[np.ndarray, "*n"], told: Int[np.ndarray, "*n"], classes: int) -> Confusion:
+    """Labelled cells (class above 0) by true and told class."""
+    known = label > 0
+    return np.bincount(classes * label[known] + told[known], minlength=classes**2).reshape(classes, classes)
+
+
+def class_iou(cells: Confusion) -> Float[np.ndarray, " known"]:
+    """Intersection over union of classes 1 on; NaN where a class is not there.
+
+    What is told of a class that is not there counts against the others, which it was not told to be: as a 0 of its own
+    it would change the number of classes that a mean is over from network to network.
+    """
+    there = cells.sum(1)[1:]
+    hits = np.diag(cells)[1:].astype(float)
+    return np.where(there > 0, hits / np.maximum(cells.sum(0)[1:] + there - hits, 1), np.nan)
+
+
+def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> float:
+    """Over the classes that are there, then over seeds."""
+    return float(np.nanmean(iou, axis=1).mean())
+
+
+def worth(iou: Mapping[str, Float[np.ndarray, "seeds known"]]) -> float:
+    """What simulated intensity gains over none, as a share of what measured intensity does; NaN where that is
+    nothing."""
+    mean = {kind: mean_iou(iou[kind]) for kind in INTENSITIES}
+    room = mean["measured"] - mean["none"]
+    return (mean["simulated"] - mean["none"]) / room if room > 0 else float("nan")
 
 
 def _cell(values: Float[np.ndarray, " seeds"]) -> str:

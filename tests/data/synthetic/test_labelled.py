@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.range_images import read_range_images
+from jaxsim.data.logs.range_images import read_range_images
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.data.synthetic.labelled import LABEL_CLASSES, OF_MATERIAL, classes_of, labelled_image, write_labelled
 from jaxsim.data.synthetic.render import IdealScan

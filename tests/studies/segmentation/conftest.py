@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.config import GeneratorConfig, SegmentationConfig
-from jaxsim.studies.segmentation.iou import INTENSITIES
-from jaxsim.studies.segmentation.study import Study
+from jaxsim.studies.segmentation.study import INTENSITIES, Study
 
 
 @pytest.fixture(scope="package")

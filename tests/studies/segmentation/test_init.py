@@ -8,10 +8,10 @@ import pytest
 
 from jaxsim.cli.real2sim2real import run
 from jaxsim.config import GeneratorConfig, SegmentationConfig
-from jaxsim.data.range_images import read_range_images
+from jaxsim.data.logs.range_images import read_range_images
 from jaxsim.files import write_text
 from jaxsim.studies.segmentation import run_segmentation
-from jaxsim.studies.segmentation.iou import INTENSITIES
+from jaxsim.studies.segmentation.study import INTENSITIES
 
 
 def test_tables_come_from_the_scores_of_all_parts(folder, tmp_path):

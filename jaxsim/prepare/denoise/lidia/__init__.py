@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.files import read_once
-from jaxsim.prepare.denoise.classical import close_gaps
+from jaxsim.geometry.rasters import close_gaps
 from jaxsim.prepare.denoise.lidia.denoiser import abstract, apply, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
 from jaxsim.weights import Arrays, Converter, Values, checked_arrays, load_weights, write_trained

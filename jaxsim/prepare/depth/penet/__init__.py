@@ -4,7 +4,7 @@ This file completes a frame with weights from a file. Below it:
 
 layers.py       blocks that see their cells' coordinates, and DA-CSPN++
 network.py      those coordinates; both branches and their fusion
-published.py    published weights        training.py    its three stages
+published.py    published weights        training.py    its three stages, and frames to learn from
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def complete(
 ) -> Float[jax.Array, "b h w"]:
     """Dense depth of a batch, in metres."""
     network = nnx.merge(definition(width, convention), values)
-    seen = network.coarse(rgb.astype(jnp.float32), sparse_m, valid, intrinsics=intrinsics, train=False)
+    seen = network.coarse(rgb, sparse_m, valid, intrinsics=intrinsics, train=False)
     return network.refine(seen, sparse_m, valid, train=False)
 
 

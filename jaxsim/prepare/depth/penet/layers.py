@@ -47,12 +47,8 @@ class Conv(nnx.Module):
         return _convolve(x, self.kernel[...], stride=self.stride)
 
 
-class TransposedConv(nnx.Module):
+class TransposedConv(Conv):
     """Twice the rows and columns (`stride` 2, kernel 5) or as many (`stride` 1, kernel 3)."""
-
-    def __init__(self, inputs: int, outputs: int, size: int, *, stride: int, rngs: nnx.Rngs):
-        self.stride = stride
-        self.kernel = nnx.Param(jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
 
     def __call__(self, x: _Raster) -> _Raster:
         return _doubled(x, self.kernel[...]) if self.stride == 2 else _convolve(x, self.kernel[...])

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Real
 
 from jaxsim.frame import Array
 from jaxsim.prepare.depth.penet.layers import KERNELS, ConvBn, Deconv, GeoBlock, Guide, Mode, from_neighbours, propagate
@@ -171,7 +171,7 @@ class PENet(nnx.Module):
 
     def coarse(
         self,
-        rgb: Float[Array, "b h w 3"],
+        rgb: Real[Array, "b h w 3"],
         sparse: Float[Array, "b h w"],
         valid: Bool[Array, "b h w"],
         *,
@@ -186,7 +186,7 @@ class PENet(nnx.Module):
                 "crop it (--prepare.image-crop)"
             )
         geo = coordinates(sparse, valid, intrinsics, scales=SCALES + 1, convention=self.convention)
-        return self.backbone(rgb, jnp.where(valid, sparse, 0.0), geo, train=train)
+        return self.backbone(rgb.astype(jnp.float32), jnp.where(valid, sparse, 0.0), geo, train=train)
 
     def refine(
         self, seen: Backbone, sparse: Float[Array, "b h w"], valid: Bool[Array, "b h w"], *, train: Mode

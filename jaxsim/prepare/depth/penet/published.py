@@ -11,7 +11,7 @@ import numpy as np
 from flax import nnx
 
 from jaxsim.prepare.depth.penet.network import PUBLISHED_WIDTH, Convention, PENet
-from jaxsim.weights import Arrays, Converter, Values, checked_arrays
+from jaxsim.weights import Arrays, Converter, Values, checked_arrays, kernel_of, published_shape
 
 STEM = "backbone.rgb_conv_init.0.weight"
 _PLACES = {"conv": "0", "deconv": "0", "norm": "1", "kernel": "weight"}
@@ -54,14 +54,8 @@ def _transposed(path: Any) -> bool:
 
 def published_shapes(width: int = PUBLISHED_WIDTH) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the arrays that are read. The constant `encoder3`, `encoder5`, `encoder7` are not."""
-    shapes = {}
-    for path, leaf in jax.tree.leaves_with_path(abstract(width)):
-        shape = leaf.shape
-        if len(shape) == 4:
-            outer = (shape[2], shape[3]) if _transposed(path) else (shape[3], shape[2])
-            shape = (*outer, *shape[:2])
-        shapes[_name(path)] = shape
-    return shapes
+    leaves = jax.tree.leaves_with_path(abstract(width))
+    return {_name(path): published_shape(leaf.shape, transposed=_transposed(path)) for path, leaf in leaves}
 
 
 def from_published(arrays: Mapping[str, np.ndarray]) -> tuple[int, Values]:
@@ -74,10 +68,7 @@ def from_published(arrays: Mapping[str, np.ndarray]) -> tuple[int, Values]:
 
     def ours(path: Any, leaf: Any) -> np.ndarray:
         array = fitting[_name(path)]
-        if array.ndim != 4:
-            return array
-        # A transposed convolution is one with the taps reversed.
-        return array.transpose(2, 3, 0, 1)[::-1, ::-1] if _transposed(path) else array.transpose(2, 3, 1, 0)
+        return kernel_of(array, transposed=_transposed(path)) if array.ndim == 4 else array
 
     return width, jax.tree.map_with_path(ours, abstract(width))
 
@@ -103,10 +94,6 @@ def _published(arrays: Arrays) -> Arrays:
     return checked_arrays(bare, published_shapes())
 
 
-def _trained(arrays: Arrays) -> Arrays:
-    return checked_arrays(arrays, published_shapes(from_published(arrays)[0]))
-
-
 CONVERTERS = {
     "penet": Converter(
         "PENet (C2, dilation 2)",
@@ -119,5 +106,9 @@ CONVERTERS = {
     )
 }
 """What `jaxsim convert` makes of the published checkpoint."""
-TRAINED = Converter("a PENet that jaxsim trained", "nothing: train one, `jaxsim train penet_synthetic`", _trained)
+TRAINED = Converter(
+    "a PENet that jaxsim trained",
+    "nothing: train one, `jaxsim train penet_synthetic`",
+    lambda arrays: checked_arrays(arrays, published_shapes(from_published(arrays)[0])),
+)
 TRAINED_KIND = "penet_trained"

@@ -15,16 +15,19 @@ from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
 from jaxsim.metrics.depth import depth_errors
 from jaxsim.prepare import dense_view, depth
 from jaxsim.prepare.depth import complete_depth, penet
-from jaxsim.prepare.depth.frames import Batches, augment_frame, depth_frame, where_backed
 from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.training import (
+    Batches,
+    augment_frame,
     branch_weight,
     branches_error,
     create_state,
+    depth_frame,
     masked_error,
     predict,
     rate,
     train_step,
+    where_backed,
 )
 from tests.prepare.depth.penet.made_training import plane, view
 
