@@ -46,6 +46,8 @@ class Detection:
         return self.out or folder.with_name(f"{folder.name}_evaluation")
 
     def __call__(self) -> None:
+        if not self.classes:
+            raise ValueError(f"evaluate: --classes names none; give some of {', '.join(SCORED)}, or leave it out")
         names = frame_list(self.frames) if self.frames else frames_with_results(self.detections)
         truth = read_truth(self.labels, names)
         detections = read_detections(self.detections, names)

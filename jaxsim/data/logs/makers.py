@@ -20,6 +20,8 @@ from jaxsim.files import files_in
 from jaxsim.geometry import preset
 
 _KITTI_COLUMNS = preset("hdl64e").columns
+SWEEP_SCALE = 255
+"""nuScenes' intensity at its top."""
 
 
 def ouster_items(path: Path, options: LogOptions) -> Iterator[Item]:
@@ -37,7 +39,12 @@ def ouster_items(path: Path, options: LogOptions) -> Iterator[Item]:
 
 
 def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
-    """The sweeps `*.pcd.bin` of a folder or below it."""
+    """The sweeps `*.pcd.bin` of a folder or below it. Raises ValueError for another scale than their intensity's."""
+    if options.full_scale not in (None, SWEEP_SCALE):
+        raise ValueError(
+            f"nuscenes: --log.full-scale is {options.full_scale:g}; the intensity of these sweeps is 0..{SWEEP_SCALE}: "
+            "leave it out"
+        )
     files = [path] if path.is_file() else sorted(path.rglob("*.pcd.bin"))
     columns = {} if options.columns is None else {"columns": options.columns}
     for file in files:
