@@ -83,7 +83,8 @@ def check_apart(out: Path | str, *read: Path | str | None, by: str) -> None:
     out = Path(out)
     for path in read:
         if path is not None and out.exists() and Path(path).exists() and out.samefile(path):
-            raise ValueError(f"{by}: {path} is read, and would be written over; give another --out")
+            how = "written into" if out.is_dir() else "written over"
+            raise ValueError(f"{by}: {path} is read, and would be {how}; give another --out")
 
 
 def check_name(name: str, *, by: str) -> str:

@@ -73,6 +73,8 @@ def test_the_mean_over_checkpoints_is_written_with_its_steps(run, capsys):
     assert last["ap_r40"] == pytest.approx(100)
 
 
-def test_classes_must_be_named(tmp_path):
+def test_classes_must_be_named_and_another_folder(tmp_path):
     with pytest.raises(SystemExit, match=r"--classes names none; give some of Car, Pedestrian, Cyclist"):
         main(["eval", "detection", "--detections", str(tmp_path), "--labels", str(tmp_path), "--classes"])
+    with pytest.raises(SystemExit, match=r"detection: .* is read, and would be written into"):
+        main(["eval", "detection", f"--detections={tmp_path}", f"--labels={tmp_path}", f"--out={tmp_path}"])

@@ -62,6 +62,8 @@ def test_what_is_read_is_not_written_over_by_whatever_link(tmp_path):
             ValueError, match=r"^bake: .*a\.json is read, and would be written over; give another --out"
         ):
             check_apart(tmp_path / name, None, tmp_path / "a.json", by="bake")
+    with pytest.raises(ValueError, match="is read, and would be written into"):
+        check_apart(tmp_path / ".", tmp_path, by="bake")
     check_apart(tmp_path / "new.json", tmp_path / "new.json", tmp_path / "a.json", by="bake")
 
 
