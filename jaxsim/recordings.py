@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxsim.cloud.export import save_cloud, table_of
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.files import file_of, need, replacing
+from jaxsim.files import check_apart, file_of, need, replacing
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.progress import Progress
@@ -174,17 +174,23 @@ WHOLE_FILE = {"mcap": write_mcap, "osi": write_osi, "rrd": write_rrd}
 def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int = 0) -> int:
     """Writes a folder's polar frames as clouds, with ring and time a point; how many there are.
 
-    `out` is one file where `to` is one of WHOLE_FILE, else a folder of files NAME.`to`. Every `every`-th frame is
-    taken, and at most `most` (0: all). Raises ValueError for a folder without frames and for an `out` in which clouds
-    would take the frames' place, ModuleNotFoundError where the form's own library is not installed.
+    `out` is one file NAME.`to` where `to` is one of WHOLE_FILE, else a folder of such files. Every `every`-th frame is
+    taken, and at most `most` (0: all). Raises ValueError for a folder without frames, for an `out` that is no file
+    of its form and for one in which clouds would take the frames' place, ModuleNotFoundError where the form's own
+    library is not installed.
     """
     frames = open_polar_frames(folder)
     names = frames.names[::every][: most or None]
+    if to in WHOLE_FILE and (out.suffix.lower() != f".{to}" or out.is_dir()):
+        raise ValueError(
+            f"frames: --to {to} writes one file, which is known by its ending, and --out is {out}; give "
+            f"--out {out.stem}{'_sd' * (to == 'osi')}.{to}"
+        )
     bar = Progress(names, unit="cloud", desc="writing")
     if to in WHOLE_FILE:
         return WHOLE_FILE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
-    if to == "npz" and out.resolve() == folder.resolve():
-        raise ValueError(f"frames: clouds as npz would be written over the frames in {folder}; give another --out")
+    if to == "npz":
+        check_apart(out, folder, by="frames")
     # Those that are there, too: nothing tells of what frames they are.
     for name in bar:
         cloud, time_s = _cloud(frames, name)

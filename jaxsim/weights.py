@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.files import array_names, check_size, parse_json, placed, read_arrays, write_arrays
+from jaxsim.files import array_names, check_apart, check_size, parse_json, placed, read_arrays, write_arrays
 
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
@@ -153,8 +153,7 @@ def convert(kind: str, converter: Converter, source: Path, *, out: Path) -> Weig
     if out.suffix != ".npz":
         raise ValueError(f"convert: --out {out} must end in .npz")
     files = [source / name for name in converter.files] or [source]
-    if out.exists() and any(file.exists() and out.samefile(file) for file in files):
-        raise ValueError(f"convert: --out {out} is the file to convert, which would be lost; give another name")
+    check_apart(out, *files, by="convert")
     with placed(f"convert: {source} cannot be read as {converter.title}", then=f"fetch {converter.fetch}"):
         arrays = read_state_dict(source, converter.files)
     with placed(f"convert: {source} is not {converter.title}", then=f"fetch {converter.fetch}"):

@@ -71,7 +71,7 @@ def test_a_frame_becomes_a_file_with_a_point_a_return(tmp_path):
     files[0].write_bytes(b"of another")
     export_frames(folder, tmp_path / "clouds", "npz", most=1)
     assert files[0].read_bytes() == content
-    with pytest.raises(ValueError, match=r"would be written over the frames in .*; give another --out"):
+    with pytest.raises(ValueError, match=r"is read, and would be written into; give another --out"):
         export_frames(folder, folder, "npz")
 
 

@@ -11,8 +11,8 @@ import tyro
 
 from jaxsim.config.ranges import Checked
 from jaxsim.effects.own import known_effects
-from jaxsim.engines import ENGINES, Estimate, Translation, read_answer, translate
-from jaxsim.files import placed, read_json, real, write_text
+from jaxsim.engines import ENGINES, Setting, Translation, read_answer, translate
+from jaxsim.files import check_apart, placed, read_json, real, write_text
 from jaxsim.report.results import markdown_table
 
 
@@ -42,6 +42,8 @@ class Engines(Checked):
         if self.out and self.out.suffix == ".md":
             wanted = self.out.with_suffix(ENGINES[self.engine].suffix)
             raise ValueError(f"engines: --out {self.out} is where the words go, beside the parameters; give {wanted}")
+        for written in (self.out, self.out.with_suffix(".md")) if self.out else ():
+            check_apart(written, self.sensor, self.sensor.with_name("verdict.json"), self.now, by="engines")
         known_effects()
         now = _numbers(self.now) if self.now else {}
         told = translate(read_answer(self.sensor), self.engine, ENGINES[self.engine], now=now)
@@ -66,7 +68,7 @@ def words(told: Translation) -> str:
     engine = ENGINES[told.engine]
     lines = [f"# {engine.title}", ""]
     if told.settings:
-        rows = [(f"`{s.name}`", f"{s.value.value:.4g}", _ends(s.value), s.unit, s.why) for s in told.settings]
+        rows = [(f"`{s.name}`", _value(s), _ends(s), s.unit, s.why) for s in told.settings]
         lines.append(markdown_table(("parameter", "value", "90 % interval", "unit", "of"), rows))
     else:
         lines.append(f"Nothing that {engine.title} has a parameter for.")
@@ -77,5 +79,15 @@ def words(told: Translation) -> str:
     return "\n".join(lines)
 
 
-def _ends(value: Estimate) -> str:
-    return "not given" if math.isnan(value.low) else f"{value.low:.4g} .. {value.high:.4g}"
+def _value(one: Setting) -> str:
+    """The number; of one a beam the span, since their mean says of none what it is."""
+    if not one.each:
+        return f"{one.value.value:.4g}"
+    values = [beam.value for beam in one.each]
+    return f"{min(values):.4g} to {max(values):.4g}, of {len(values)} beams"
+
+
+def _ends(one: Setting) -> str:
+    if math.isnan(one.value.low):
+        return "not given"
+    return "of each in verdict.json" if one.each else f"{one.value.low:.4g} .. {one.value.high:.4g}"

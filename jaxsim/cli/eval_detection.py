@@ -8,6 +8,7 @@ from pathlib import Path
 from jaxsim.cli.source import DataSource
 from jaxsim.evaluate.detector import mean_curves
 from jaxsim.evaluate.runs import mean_words, score_checkpoints
+from jaxsim.files import check_apart
 from jaxsim.metrics.detection import DIFFICULTIES, METRICS, OVERLAP_SETS, SCORED, MatchingRules, evaluate
 from jaxsim.metrics.detection.files import frame_list, frames_with_results, read_detections, read_truth
 from jaxsim.progress import Progress
@@ -46,6 +47,9 @@ class Detection:
         return self.out or folder.with_name(f"{folder.name}_evaluation")
 
     def __call__(self) -> None:
+        if not self.classes:
+            raise ValueError(f"detection: --classes names none; give some of {', '.join(SCORED)}, or leave it out")
+        check_apart(self.writes_to, self.detections, self.labels, by="detection")
         names = frame_list(self.frames) if self.frames else frames_with_results(self.detections)
         truth = read_truth(self.labels, names)
         detections = read_detections(self.detections, names)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from jaxsim.config.ranges import Checked, Count
 from jaxsim.evaluate.generation import COMPARED, generation_scores, open_folder
+from jaxsim.files import check_apart
 from jaxsim.metrics.rangenet import load_rangenet
 from jaxsim.report.results import list_scores, write_list
 
@@ -38,6 +39,8 @@ class Generation(Checked):
         return self.out
 
     def __call__(self) -> None:
+        if self.out:
+            check_apart(self.out, self.simulated, self.measured, by="generation")
         simulated, measured = open_folder(self.simulated), open_folder(self.measured)
         rangenet = self.rangenet and load_rangenet(self.rangenet)
         scores = generation_scores(simulated, measured, rangenet=rangenet, compared=self.compared)

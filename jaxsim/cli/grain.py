@@ -15,7 +15,7 @@ from jaxsim.data.select import frames_to_judge
 from jaxsim.pairs.prepared import prepared
 from jaxsim.report.results import markdown_table
 from jaxsim.simulate.grain import Field, save_grain
-from jaxsim.simulate.grain_fit import learn_grain
+from jaxsim.simulate.grain_fit import NO_DISTRIBUTION, learn_grain
 from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import load
 
@@ -38,6 +38,8 @@ class LearnGrain(Checked):
 
     def __call__(self) -> None:
         sensor = load(self.run)
+        if sensor.run.experiment.generator.form != "unet":  # before frames are prepared for it
+            raise ValueError(NO_DISTRIBUTION)
         of_run, prepare = sensor.run.experiment.data, sensor.run.experiment.prepare
         data = self.data.config(of_run)
         dataset = open_dataset(data)

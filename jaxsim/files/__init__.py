@@ -42,11 +42,12 @@ from jaxsim.files.texts import (
     read_text,
     real,
 )
-from jaxsim.files.whole import check_name, check_size, file_of, files_in, replacing, tidy, write_text
+from jaxsim.files.whole import check_apart, check_name, check_size, file_of, files_in, replacing, tidy, write_text
 
 __all__ = [
     "CHANGED",
     "array_names",
+    "check_apart",
     "check_image_file",
     "check_keys",
     "check_name",

@@ -108,7 +108,7 @@ def _brief(value: Any) -> str:
     """A value as text, what is long by its length and ends."""
     if isinstance(value, list | tuple) and len(value) > 8:
         return f"{len(value)} values ({value[0]} ... {value[-1]})"
-    text = str(value)
+    text = str(value) or "empty"
     return text if len(text) < 200 else f"{text[:80]} ... {text[-80:]}"
 
 

@@ -77,6 +77,16 @@ def tidy(folder: Path | str) -> int:
     return removed
 
 
+def check_apart(out: Path | str, *read: Path | str | None, by: str) -> None:
+    """Raises ValueError where what is to be written is one of the files or folders that are read, by whatever link: it
+    would be lost."""
+    out = Path(out)
+    for path in read:
+        if path is not None and out.exists() and Path(path).exists() and out.samefile(path):
+            how = "written into" if out.is_dir() else "written over"
+            raise ValueError(f"{by}: {path} is read, and would be {how}; give another --out")
+
+
 def check_name(name: str, *, by: str) -> str:
     """The same name back, where a file can bear it and stays in its folder.
 

@@ -36,9 +36,10 @@ def list_facts(about: Mapping[str, Any]) -> str:
 
 
 def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A line of heads, a rule, a line a row."""
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
-    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+    """A line of heads, a rule, a line a row; a `|` of a cell, as names of folders may hold, ends no cell."""
+    cells = [[cell.replace("|", "\\|") for cell in line] for line in (heads, *rows)]
+    told, *others = [f"| {' | '.join(line)} |" for line in cells]
+    return "\n".join([told, f"|{'---|' * len(heads)}", *others])
 
 
 def number_or_none(value: float) -> float | None:

@@ -57,6 +57,10 @@ ORDERS = 24
 tests/simulate/test_grain_fit.py -k series`)."""
 LEAST_FIELD_SHARE = 0.005
 """Shares of the variance below this are left out: every field that is kept is drawn for every frame."""
+NO_DISTRIBUTION = (
+    "grain: this run's network gives one intensity a cell, no distribution to draw from; train one with "
+    "--generator.form unet"
+)
 FRAMES = 32
 """As many frames are looked at, evenly spread over what is given: more tell the same."""
 
@@ -90,10 +94,7 @@ def learn_grain(
 
 def _scan(says: Prediction, pair: Pair) -> GrainScan:
     if says.quantiles is None or says.drop_share is None:
-        raise ValueError(
-            "grain: this run's network gives one intensity a cell, no distribution to draw from; train one with "
-            "--generator.form unet"
-        )
+        raise ValueError(NO_DISTRIBUTION)
     seen, value = pair.painted, np.asarray(pair.measured.intensity)
     looked = np.asarray(seen.valid)
     # A ray that reports 0 counts as lost, as in training.

@@ -200,7 +200,7 @@ def attach_rays(run: Run, params: Any, window: NetworkWindow, *, generate: Gener
     grid, _ = window
 
     @jax.jit
-    def cloud_of(params: Any, painted: Painted, incidence_rad: _Raster | None, window: NetworkWindow) -> Cloud:
+    def cloud_of(params: Any, painted: Painted, incidence_rad: _Raster | None, *, window: NetworkWindow) -> Cloud:
         grid, row_share = window
         # A caster's angle of a ray that ends nowhere means nothing; training had a right angle there.
         if incidence_rad is None:
@@ -211,7 +211,7 @@ def attach_rays(run: Run, params: Any, window: NetworkWindow, *, generate: Gener
         return polar_to_points(simulate_painted(params, painted, **seen, generate=generate, prepare=prepare), grid)
 
     weights, window = jax.device_put((params, window))
-    call = lambda painted, angle: cloud_of(weights, painted, angle, window)  # noqa: E731
+    call = lambda painted, angle: cloud_of(weights, painted, angle, window=window)  # noqa: E731
     needs = tuple(name for name in ("semantic", "edges") if name in prepare.inputs)
     # Without a latency yet, for what is timed is the very function that is handed out.
     live = LiveRays(call, grid, np.asarray(directions(grid)), run.camera, needs, 0.0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import about_frame, frame_names, open_polar_frames, write_frame, write_grid
+from jaxsim.files import check_apart
 from jaxsim.frame import Array, Frame, PolarImage
 from jaxsim.geometry import incidence, scan_on_window
 from jaxsim.metrics.paired import DROP_BELOW
@@ -107,8 +108,7 @@ def write_lambert(measured: Path, out: Path) -> Path:
     that does not tell it. Raises ValueError where OUT/simulated is the measured folder, or holds other frames.
     """
     simulated = out / "simulated"
-    if simulated.resolve() == measured.resolve():
-        raise ValueError(f"discover: --lambert would write over the measured frames in {measured}; give another --out")
+    check_apart(simulated, measured, by="discover: --lambert")
     frames = open_polar_frames(measured)
     refuse_others(simulated, frames.names)
     for name in frames.names:

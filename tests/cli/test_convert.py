@@ -39,7 +39,7 @@ def test_what_is_read_is_not_overwritten(vgg, tmp_path):
     before = vgg.read_bytes()
     (tmp_path / "link.npz").symlink_to(vgg)
     for out in (vgg, tmp_path / "link.npz"):
-        with pytest.raises(SystemExit, match="is the file to convert, which would be lost"):
+        with pytest.raises(SystemExit, match="is read, and would be written over; give another --out"):
             main(["convert", "vgg19", str(vgg), "--out", str(out)])
     assert vgg.read_bytes() == before
 

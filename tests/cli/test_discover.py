@@ -51,6 +51,15 @@ def complaint(folders: Folders, out: Path) -> str:
     return str(stop.value)
 
 
+def test_an_answer_is_not_written_among_the_frames(folders: Folders):
+    for out in folders:
+        with pytest.raises(
+            ValueError, match=rf"^discover: {out} is read, and would be written into; give another --out"
+        ):
+            discover.Discover(measured=folders[0], simulated=folders[1], out=out)()
+        assert not (out / "report.html").exists()
+
+
 @pytest.mark.parametrize("make", [results.named, results.none, results.not_in_catalogue])
 def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeypatch, capsys, make):
     seen = []

@@ -17,6 +17,25 @@ def test_the_command_says_it_in_words_and_in_the_engines_format(answer, tmp_path
     assert (tmp_path / "carla.md").read_text() in printed
 
 
+def test_of_a_number_a_beam_the_table_tells_the_span(answer, capsys):
+    """Not their mean, of which nobody can set anything."""
+    main(["engines", str(answer), "--for", "isaac"])
+    printed = capsys.readouterr().out
+    assert "distanceCorrectionM` | -0.02 to 0.01, of 2 beams | of each in verdict.json | m |" in printed
+
+
+def test_the_answer_is_not_written_over(tmp_path, answer):
+    """Its own name given as --out made of sensor.json a file of CARLA's, and of now.json, too."""
+    before = answer.read_text()
+    (tmp_path / "now.json").write_text("{}")
+    (tmp_path / "link.json").symlink_to(answer)
+    for out in (answer, answer.with_name("verdict.json"), tmp_path / "now.json", tmp_path / "link.json"):
+        with pytest.raises(SystemExit, match="is read, and would be written over; give another --out"):
+            main(["engines", str(answer), "--out", str(out), "--now", str(tmp_path / "now.json")])
+    assert answer.read_text() == before
+    assert (tmp_path / "now.json").read_text() == "{}"
+
+
 def test_what_is_no_answer_is_refused(tmp_path, answer, capsys):
     with pytest.raises(SystemExit, match=r"no file .*nothing\.json"):
         main(["engines", str(tmp_path / "nothing.json"), "--for", "rgl"])

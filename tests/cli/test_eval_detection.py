@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jaxsim.cli import main
 from jaxsim.cli.eval import Evaluation
 from jaxsim.config import RunConfig
 from jaxsim.detect.results import Detected
@@ -70,3 +71,10 @@ def test_the_mean_over_checkpoints_is_written_with_its_steps(run, capsys):
         c for c in content["curves"] if (c["metric"], c["difficulty"], c["overlap_set"]) == ("3d", "moderate", "0.7")
     )
     assert last["ap_r40"] == pytest.approx(100)
+
+
+def test_classes_must_be_named_and_another_folder(tmp_path):
+    with pytest.raises(SystemExit, match=r"--classes names none; give some of Car, Pedestrian, Cyclist"):
+        main(["eval", "detection", "--detections", str(tmp_path), "--labels", str(tmp_path), "--classes"])
+    with pytest.raises(SystemExit, match=r"detection: .* is read, and would be written into"):
+        main(["eval", "detection", f"--detections={tmp_path}", f"--labels={tmp_path}", f"--out={tmp_path}"])

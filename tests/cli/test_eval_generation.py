@@ -23,3 +23,5 @@ def test_two_folders_are_compared_and_written(tmp_path, capsys):
     main(["eval", "generation", *folders, f"--out={tmp_path / 'out'}"])
     assert "3 simulated and 3 measured frames" in capsys.readouterr().out
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"generation.json", "generation.md"}
+    with pytest.raises(SystemExit, match=r"generation: .*measured is read, and would be written into"):
+        main(["eval", "generation", *folders, f"--out={tmp_path / 'measured'}"])

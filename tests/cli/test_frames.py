@@ -12,7 +12,7 @@ from tests.data.logs.made_logs import pcd
 def test_the_families_are_listed_with_their_extras(capsys):
     main(["frames", "--list"])
     printed = capsys.readouterr().out
-    assert "pip install jaxsim-lidar[ros]" in printed
+    assert "pip install 'jaxsim-lidar[ros]'" in printed
     assert len(printed.splitlines()) >= 11
 
 
@@ -52,6 +52,22 @@ def test_frames_become_an_mcap_that_becomes_the_same_frames(tmp_path):
         np.testing.assert_allclose(image.range_m, again.range_m, atol=1e-4)
         np.testing.assert_allclose(image.intensity, again.intensity, atol=1e-6)
         np.testing.assert_allclose(more["time"], later["time"], atol=1e-6)
+
+
+def test_a_recording_of_all_frames_is_a_file_with_its_ending(tmp_path):
+    pcd(tmp_path / "drive.pcd", room(seed=0), "binary")
+    main(["frames", str(tmp_path / "drive.pcd"), "--out", str(tmp_path / "a")])
+    (tmp_path / "there.mcap").mkdir()
+    for name, given in (("out", "out.mcap"), ("there.mcap", "there.mcap"), ("x.las", "x.mcap")):
+        with pytest.raises(SystemExit, match=rf"known by its ending, and --out is .*{name}; give --out {given}"):
+            main(["frames", str(tmp_path / "a"), "--to", "mcap", "--out", str(tmp_path / name)])
+
+
+def test_beams_and_columns_are_counted_from_one(capsys):
+    for flag in ("--log.lines", "--log.columns"):
+        with pytest.raises(SystemExit):
+            main(["frames", "x.pcd", "--out", "y", flag, "0"])
+        assert "is 0; it must be 1 or more" in " ".join(capsys.readouterr().err.split())
 
 
 def test_frames_become_an_osi_trace_that_becomes_the_same_frames(tmp_path):

@@ -103,3 +103,11 @@ def test_a_network_of_one_intensity_a_cell_has_no_grain_to_learn_and_nothing_to_
         main(["grain", str(run)])
     with pytest.raises(SystemExit, match=r"leave out --draws, or train one with --generator\.form unet"):
         main(["simulate", str(run), "--draws", "--previews", "0", "--out", "out"])
+
+
+def test_a_network_without_a_distribution_is_told_before_frames_are_prepared(tmp_path, monkeypatch):
+    """The pairs took minutes, for nothing."""
+    monkeypatch.setattr("jaxsim.cli.grain.prepared", None)
+    run = untrained_run(tmp_path / "run", tiny_experiment(validation="4", cache=tmp_path / "cache"))
+    with pytest.raises(SystemExit, match=r"one intensity a cell, .*--generator\.form unet"):
+        main(["grain", str(run)])

@@ -63,6 +63,12 @@ def test_a_folder_that_moved_and_a_long_list_are_told_in_words(tmp_path):
         claimed(tmp_path, {"clouds": "/a", "frames": [0]})
 
 
+def test_a_setting_that_was_empty_is_told_as_such(tmp_path):
+    claimed(tmp_path, {"sensor": ""})
+    with pytest.raises(ValueError, match=r"\(sensor was empty, now hdl64e\)"):
+        claimed(tmp_path, {"sensor": "hdl64e"})
+
+
 @dataclass(frozen=True)
 class Oven:
     heat: int = 200

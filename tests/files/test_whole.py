@@ -9,7 +9,7 @@ import pytest
 from jaxsim.data.polar_frames import frame_names, write_frame
 from jaxsim.evaluate.cloud_folder import clouds_in
 from jaxsim.evaluate.generation import open_folder
-from jaxsim.files import check_size, file_of, files_in, replacing, tidy, write_image, write_text
+from jaxsim.files import check_apart, check_size, file_of, files_in, replacing, tidy, write_image, write_text
 from jaxsim.files.whole import SALT
 from jaxsim.frame import PolarImage
 from jaxsim.metrics.detection.files import frames_with_results
@@ -51,6 +51,20 @@ def test_an_error_of_the_system_names_the_file_that_was_asked_for(tmp_path):
         (tmp_path / "another").read_text()
     assert stop.value.filename == str(tmp_path / "another")
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_read_is_not_written_over_by_whatever_link(tmp_path):
+    (tmp_path / "a.json").write_text("")
+    (tmp_path / "b.json").symlink_to("a.json")
+    (tmp_path / "c.json").hardlink_to(tmp_path / "a.json")
+    for name in ("a.json", "b.json", "c.json"):
+        with pytest.raises(
+            ValueError, match=r"^bake: .*a\.json is read, and would be written over; give another --out"
+        ):
+            check_apart(tmp_path / name, None, tmp_path / "a.json", by="bake")
+    with pytest.raises(ValueError, match="is read, and would be written into"):
+        check_apart(tmp_path / ".", tmp_path, by="bake")
+    check_apart(tmp_path / "new.json", tmp_path / "new.json", tmp_path / "a.json", by="bake")
 
 
 def test_a_suffix_in_capitals_is_no_other(tmp_path):

@@ -53,7 +53,7 @@ def test_where_no_neighbour_tells_the_slant_it_is_sixty_degrees(tmp_path):
 
 def test_measured_frames_are_not_written_over_and_others_not_mixed_in(tmp_path):
     measured, _ = wall(tmp_path / "simulated")
-    with pytest.raises(ValueError, match="write over the measured frames"):
+    with pytest.raises(ValueError, match="is read, and would be written into"):
         write_lambert(measured, tmp_path)
     assert open_polar_frames(measured).read("000")[0].intensity.max() == np.float32(0.7)
     write_lambert(measured, tmp_path / "out")

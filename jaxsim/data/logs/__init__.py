@@ -69,6 +69,10 @@ def source_for(path: Path, kind: str = "") -> tuple[str, Source]:
     for name, source in known.items():
         if source.takes(path):
             return name, source
+    if (path / "grid.json").is_file():
+        raise ValueError(
+            f"frames: {path} holds polar frames already; --to mcap (osi, rrd, pcd ...) makes clouds of them"
+        )
     raise ValueError(f"frames: {path} looks like no log that is known; name its kind: --kind {' or '.join(known)}")
 
 
@@ -77,7 +81,9 @@ def source_table() -> str:
     rows = [(name, source.title, source.extra) for name, source in known_sources().items()]
     width = max(len(name) for name, _, _ in rows) + 2
     title = max(len(what) for _, what, _ in rows) + 2
-    return "\n".join(
-        f"{name:<{width}}{what:<{title}}{f'pip install jaxsim-lidar[{extra}]' if extra else ''}".rstrip()
-        for name, what, extra in rows
-    )
+    return "\n".join(f"{name:<{width}}{what:<{title}}{_install(extra)}".rstrip() for name, what, extra in rows)
+
+
+def _install(extra: str) -> str:
+    """Quoted: some shells take the brackets for a pattern."""
+    return f"pip install 'jaxsim-lidar[{extra}]'" if extra else ""

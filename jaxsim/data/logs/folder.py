@@ -189,6 +189,11 @@ def _sweep(scan: LogScan | Sweep, sensor: Sensor | None, grid: PolarGrid, *, opt
             f"{by}: --log.{ignored[0]} is for logs of points, and {scan.name} comes on the grid of its sensor's own "
             "beams; leave it out"
         )
+    if options.columns not in (None, columns := len(scan.grid.azimuth_rad)):
+        raise ValueError(
+            f"{by}: --log.columns is {options.columns}, and {scan.name} comes on the {columns} columns of its sensor's "
+            "own firings; leave it out"
+        )
     if not same_grid(scan.grid, grid):
         raise ValueError(
             f"{by}: the beams or columns of {scan.name} are not those of the first scan; write each sensor, and each "

@@ -27,6 +27,8 @@ _WHOLE_TURN = 0.95
 """Share of the firings of the turn before that the last turn of a recording has where it is whole."""
 _UPPER_LASERS = 32
 """Of Argoverse 2: those below are the upper sensor's."""
+_SWEEP_SCALE = 255
+"""nuScenes' intensity at its top."""
 
 
 def ouster_items(path: Path, options: LogOptions) -> Iterator[Item]:
@@ -117,7 +119,12 @@ def _fired(points: np.ndarray) -> np.ndarray:
 
 
 def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
-    """The sweeps `*.pcd.bin` of a folder or below it."""
+    """The sweeps `*.pcd.bin` of a folder or below it. Raises ValueError for another scale than their intensity's."""
+    if options.full_scale not in (None, _SWEEP_SCALE):
+        raise ValueError(
+            f"nuscenes: --log.full-scale is {options.full_scale:g}; the intensity of these sweeps is 0..{_SWEEP_SCALE}: "
+            "leave it out"
+        )
     files = [path] if path.is_file() else sorted(path.rglob("*.pcd.bin"))
     columns = {} if options.columns is None else {"columns": options.columns}
     for file in files:

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.config.ranges import Checked, Positive
+from jaxsim.config.ranges import Checked, Count, Positive
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import check_size
 from jaxsim.geometry import LidarSpec
@@ -82,7 +82,7 @@ class LogOptions(Checked):
     for 16-bit numbers, and for other numbers 1 or 255, whichever the first scans stay under."""
     rings: str = ""
     """Beams to take, by their numbers in the log: `0-31` is the upper LiDAR of Argoverse 2, its default. Empty: all."""
-    lines: int | None = None
+    lines: Count | None = None
     """How many beams the sensor has, where the log does not say."""
     sensor: str = ""
     """Preset (`hdl64e`, `hdl32e` ...) whose nearest beam a point is of, where the log has no rings and its points do
@@ -90,7 +90,7 @@ class LogOptions(Checked):
     classes: str = ""
     """Of range images: what their numbers of classes are, `semantickitti` for that set's 20, or pairs of a number and a
     Cityscapes class, `0:road,2:building`. Empty: frames have no classes."""
-    columns: int | None = None
+    columns: Count | None = None
     """Columns of the frames. None given: as many as a beam fires in a turn."""
     mount: Literal["", "sensor", "fit"] = ""
     """`fit`: the points are in a car's frame; where the sensor was is told from its beams. Empty: as the source has
@@ -129,7 +129,7 @@ class Source(NamedTuple):
     items: Callable[[Path, LogOptions], Iterable[Item]]
     """The scans, in order. A source that can only be read from front to back reads them as it is asked for the next."""
     extra: str = ""
-    """What to install for it: `pip install jaxsim-lidar[EXTRA]`."""
+    """What to install for it: `pip install 'jaxsim-lidar[EXTRA]'`."""
 
 
 @contextmanager

@@ -52,7 +52,8 @@ def contrast_of(
     # Frame by frame: the means of hundreds of frames would not fit beside these.
     for k, (frame, row, column) in enumerate(zip(*index, strict=True)):
         of = frame.flat[0]
-        near, far = (_mean_about(light[of], counts[of], half, turns=turns) for half in ((1, 1), patch))
+        near = _mean_about(light[of], counts[of], (1, 1), turns=turns)
+        far = _mean_about(light[of], counts[of], patch, turns=turns)
         at = row, column
         contrast[k, ..., 0] = own[k] - near[at]
         contrast[k, ..., 1] = near[at] - far[at]

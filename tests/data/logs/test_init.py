@@ -15,6 +15,9 @@ def test_what_is_no_log_is_told_with_all_that_are(tmp_path):
         source_for(tmp_path, "sick")
     with pytest.raises(ValueError, match="there is no"):
         source_for(tmp_path / "nothing")
+    (tmp_path / "grid.json").write_text("{}")
+    with pytest.raises(ValueError, match="holds polar frames already; --to mcap"):
+        source_for(tmp_path)
 
 
 def test_a_package_adds_a_source(tmp_path, monkeypatch):
@@ -52,4 +55,4 @@ def test_a_package_adds_a_source(tmp_path, monkeypatch):
 def test_the_table_has_a_line_a_family_and_what_to_install():
     lines = source_table().splitlines()
     assert [line.split()[0] for line in lines] == [*known_sources()]
-    assert any(line.endswith("pip install jaxsim-lidar[ros]") for line in lines)
+    assert any(line.endswith("pip install 'jaxsim-lidar[ros]'") for line in lines)

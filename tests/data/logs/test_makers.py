@@ -88,6 +88,10 @@ def test_ousters_recording(samples, tmp_path):
     image, more = frames.read(frames.names[0])
     assert kind == "ouster"
     assert image.range_m.shape == (32, 1024)
+    with pytest.raises(
+        ValueError, match=r"--log\.columns is 512, and .* comes on the 1024 columns of its sensor's own"
+    ):
+        frames_of(samples / "ouster/OS-1-32-G_v2.1.1_1024x10.pcap", tmp_path / "narrow", columns=512)
     assert 0.08 < more["time"].max() < 0.11
     # Without the sensor's description the packets are taken for another maker's, and are none of those.
     shutil.copy(samples / "ouster/OS-1-32-G_v2.1.1_1024x10.pcap", tmp_path / "alone.pcap")
@@ -151,6 +155,8 @@ def test_of_an_ousters_two_returns_the_one_is_taken_that_was_asked_for(samples, 
 def test_nuscenes_sweeps(samples, tmp_path):
     with pytest.raises(ValueError, match=r"--log\.rings is for logs of points, and .* comes on the grid"):
         frames_of(samples / "nuscenes", tmp_path, rings="0-15")
+    with pytest.raises(ValueError, match=r"--log\.full-scale is 100; .* is 0\.\.255: leave it out"):
+        frames_of(samples / "nuscenes", tmp_path, full_scale=100.0)
     kind, frames = frames_of(samples / "nuscenes", tmp_path)
     assert kind == "nuscenes"
     assert frames.read(frames.names[0])[0].range_m.shape == (32, 900)
