@@ -122,8 +122,8 @@ def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
     """The sweeps `*.pcd.bin` of a folder or below it. Raises ValueError for another scale than their intensity's."""
     if options.full_scale not in (None, _SWEEP_SCALE):
         raise ValueError(
-            f"nuscenes: --log.full-scale is {options.full_scale:g}; the intensity of these sweeps is 0..{_SWEEP_SCALE}: "
-            "leave it out"
+            f"nuscenes: --log.full-scale is {options.full_scale:g}; the intensity of these sweeps is "
+            f"0..{_SWEEP_SCALE}: leave it out"
         )
     files = [path] if path.is_file() else sorted(path.rglob("*.pcd.bin"))
     columns = {} if options.columns is None else {"columns": options.columns}
