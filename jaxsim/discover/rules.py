@@ -203,8 +203,8 @@ class Rules:
     same_brightness_nats: float = 0.1
     """Standard deviation up to which both know how bright surfaces are; tables of reflectances are off by more."""
     contrast_nats: float = 30.0
-    """Gain from which on the sensor does not follow the simulator's contrast (`contrast`). Of three
-    development nulls of an ideal simulator one has 13, six learned simulators have 297 to 5200."""
+    """Gain from which on the sensor does not follow the simulator's contrast (`contrast`): above what nulls
+    of an ideal simulator gained on development cases, and far below what learned simulators did."""
     curves_tried: int = 3
     """Covariates of each channel along which free curves compete: those that its residuals depend on most."""
     curve_level: float = 0.005

@@ -43,6 +43,7 @@ def nothing(null: NullModel) -> Choice:
     return Choice((), (), null.problem)
 
 
+@pytest.mark.long
 def test_a_sensor_that_follows_the_simulator_leaves_its_contrast_as_it_is():
     null = null_of(sides())
     assert contrast_off(null, nothing(null)) is None

@@ -32,14 +32,8 @@ FEWEST_OF_CLASS = 60
 """Rays of a class from which its dependence on angle and range is told."""
 
 
-def contrast_of(
-    scan: Scan,
-    index: RayIndex,
-    *,
-    given_rad: Float[Array, "f r n"],
-) -> Float[np.ndarray, "b c r k"]:
-    """Differences of the simulated ln I at the chosen rays, nats, on each of SCALES; 0 where a ray reads
-    nothing."""
+def contrast_of(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"]) -> Float[np.ndarray, "b c r k"]:
+    """Differences of the simulated ln I at the chosen rays, nats, on each of SCALES; 0 where a ray reads nothing."""
     light = np.log(np.maximum(np.asarray(scan.intensity), FLOOR))
     # A cell without a reading says nothing of those beside it.
     counts = np.asarray(scan.hit) & (light > np.log(FLOOR))
@@ -49,14 +43,15 @@ def contrast_of(
     turns = bool(spans_turn(scan.grid))
     there, own = counts[index], light[index]
     contrast = np.zeros((*there.shape, len(SCALES)), np.float32)
+    frames, rows, columns = np.asarray(index[0]), np.asarray(index[1]), np.asarray(index[2])
     # Frame by frame: the means of hundreds of frames would not fit beside these.
-    for k, (frame, row, column) in enumerate(zip(*index, strict=True)):
-        of = frame.flat[0]
-        near = _mean_about(light[of], counts[of], (1, 1), turns=turns)
-        far = _mean_about(light[of], counts[of], patch, turns=turns)
-        at = row, column
-        contrast[k, ..., 0] = own[k] - near[at]
-        contrast[k, ..., 1] = near[at] - far[at]
+    for frame in np.unique(frames):
+        of = frames == frame
+        at = rows[of], columns[of]
+        near = _mean_about(light[frame], counts[frame], (1, 1), turns=turns)
+        far = _mean_about(light[frame], counts[frame], patch, turns=turns)
+        contrast[of, 0] = own[of] - near[at]
+        contrast[of, 1] = near[at] - far[at]
     if there.any():
         usual = class_trend(
             own[there].astype(float),
