@@ -43,11 +43,11 @@ def contrast_of(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"]
     turns = bool(spans_turn(scan.grid))
     there, own = counts[index], light[index]
     contrast = np.zeros((*there.shape, len(SCALES)), np.float32)
-    frames, rows, columns = np.asarray(index[0]), np.asarray(index[1]), np.asarray(index[2])
+    places = np.asarray(index)
     # Frame by frame: the means of hundreds of frames would not fit beside these.
-    for frame in np.unique(frames):
-        of = frames == frame
-        at = rows[of], columns[of]
+    for frame in np.unique(places[0]):
+        of = places[0] == frame
+        at = places[1][of], places[2][of]
         near = _mean_about(light[frame], counts[frame], (1, 1), turns=turns)
         far = _mean_about(light[frame], counts[frame], patch, turns=turns)
         contrast[of, 0] = own[of] - near[at]
