@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from jaxsim.cli.flags import EffectFiles
 from jaxsim.cli.sides import Sides, check_unpaired
 from jaxsim.config.ranges import Whole
+from jaxsim.files import check_apart
 
 if TYPE_CHECKING:
     from jaxsim.cli.gates import Compared
@@ -42,6 +43,10 @@ class Discover(Sides):
     effects: Path | None = None
     """Effects (sensor.json) that the simulation already has and its frames do not show, as an earlier answer's: what
     does it lack beside these? Feed an answer back, and "none" or the next effect comes out."""
+    control: Path | None = None
+    """Folder of an earlier answer (its --out) on frames of the same simulator where the sensor was as it should be,
+    such as drives that a network did not learn from: what the simulator lacks there it lacks by itself. It is put in
+    place first, and what is named is new on these frames."""
     effects_from: EffectFiles = ()
     nulls: Whole = 0
     """Sets the bar for these very data: draws so many measurements in which nothing is missing (the simulation with
@@ -72,7 +77,7 @@ class Discover(Sides):
         # All that computes waits until the flags are known: a command line that is refused need not.
         from jaxsim.cli.gates import ask_gate, check_flags, make_gate
 
-        check_flags(self.gate, self.write_gate, fast=self.fast)
+        check_flags(self.gate, self.write_gate, fast=self.fast, control=self.control)
         if self.gate:
             sys.exit(ask_gate(self.gate, self.out, self.compare))
         shown = self.compare()
@@ -89,21 +94,30 @@ class Discover(Sides):
         """The whole answer, written to `out`."""
         from jaxsim.data.polar_frames import read_grid
         from jaxsim.discover import discover_folders, discover_unpaired
-        from jaxsim.effects.chain import SensorModel
         from jaxsim.effects.own import known_effects
         from jaxsim.report.discovery import write_answer
         from jaxsim.report.words import verdict_sentence
 
         known_effects(self.effects_from)
+        self.in_place()  # what cannot be read is refused before a run simulates anything
         simulated, measured = self.folders()
         _log(f"reading {simulated} and {measured}")
         both: dict[str, Any] = {"simulated": simulated, "measured": measured, "log": _log}
         rows = len(read_grid(simulated)[0].elevation_rad)
-        known = SensorModel.load(self.effects, rows=rows) if self.effects else SensorModel()
         if self.unpaired:
             result = discover_unpaired(**both)
         else:
-            result = discover_folders(**both, known=known, nulls=self.nulls, every_frame=self.every_frame)
+            given = self.in_place(rows)
+            result = discover_folders(**both, **given, nulls=self.nulls, every_frame=self.every_frame)
         report = write_answer(self.out, result)
         print(f"\n{verdict_sentence(result.verdict)}\n\n{report}; beside it verdict.json, sensor.json, figures/")
         return result.verdict
+
+    def in_place(self, rows: int | None = None) -> dict[str, Any]:
+        """What is in place before anything is asked, for a sensor of so many beams, if these are known."""
+        from jaxsim.discover import NO_CONTROL, Control
+        from jaxsim.effects.chain import SensorModel
+
+        check_apart(self.out, self.control, by="discover")
+        known = SensorModel.load(self.effects, rows=rows) if self.effects else SensorModel()
+        return {"known": known, "control": Control.load(self.control, rows=rows) if self.control else NO_CONTROL}

@@ -36,10 +36,12 @@ Compared = Verdict | Mapping[str, Interval]
 """What a gate is asked of: a whole answer, or distances alone."""
 
 
-def check_flags(gate: Path | None, write_gate: Path | None, *, fast: bool) -> None:
+def check_flags(gate: Path | None, write_gate: Path | None, *, fast: bool, control: Path | None = None) -> None:
     """Raises ValueError for flags of gates that do not go together."""
     if fast and not (gate or write_gate):
         raise ValueError("discover: --fast is for a gate; give --gate gate.json, or --write-gate gate.json first")
+    if fast and control:
+        raise ValueError("discover: --control came with --fast, which names nothing; leave one of them out")
     if gate and write_gate:
         raise ValueError("discover: --write-gate makes a gate, --gate asks it; give one of them")
 

@@ -22,6 +22,7 @@ NOT_UNPAIRED = {
     "fast": "which compares frames of one name; leave it out and ask the whole answer",
     "every_frame": "which judges what was named frame by frame; leave it out",
     "nulls": "which exchanges scenes between the sides to see what chance does; leave one of them out",
+    "control": "which holds frames ray by ray; leave it out",
     "effects_from": "which tells effects of the catalogue alone; leave it out",
     "effects": "which compares the frames as they are; leave it out, or simulate the frames with them "
     "(`jaxsim simulate --effects`)",

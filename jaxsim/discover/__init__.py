@@ -5,6 +5,7 @@
     discover_folders    the same on two folders
     discover_unpaired   the same where the two folders show different streets
     disagreements       its first step alone, in seconds: where the two sides disagree
+    Control             what an earlier answer says that the simulator lacks by itself
     judge_known         the gap that an answer known in advance reaches
     Result, Verdict     the answer with its evidence; what verdict.json holds of it
 
@@ -28,13 +29,16 @@ Files in the order in which the data meets them:
 """
 
 from jaxsim.discover.read import Comparison, read_comparison
+from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.show import judge_known
 from jaxsim.discover.unpaired.workflow import discover_unpaired
 from jaxsim.discover.verdict import CurveLine, Result, Verdict
 from jaxsim.discover.workflow import disagreements, discover, discover_folders
 
 __all__ = [
+    "NO_CONTROL",
     "Comparison",
+    "Control",
     "CurveLine",
     "Result",
     "Verdict",

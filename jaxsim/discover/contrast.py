@@ -29,9 +29,9 @@ SLOPES = CURVES["intensity"]
 
 def contrast_off(null: NullModel, choice: Choice) -> Candidate | None:
     """The contrast as a candidate beside what was chosen, where it is accepted; None where the sensor follows the
-    simulator's contrast, or noise on intensities has left that free."""
+    simulator's contrast, or noise on intensities or a control has left that free."""
     division = null.division
-    if division.simulator.intensities is not None:
+    if division.simulator.intensities is not None or division.simulator.free_contrast:
         return None
     ev, _ = division.with_free_contrast().evidence(division.parts.find)
     columns = np.asarray(ev.features)[..., -len(SCALES) :][np.asarray(ev.rays.hit)]

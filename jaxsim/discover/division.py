@@ -87,6 +87,8 @@ class Division:
     """Of the frames."""
     scenes: tuple[str, ...] = ()
     """Of the frames; a block's are `blocks.scene`, which are sectors where all frames are of one drive."""
+    control: SensorModel = NOTHING_YET
+    """What the simulator lacks by itself, before all that is known of the sensor."""
 
     @classmethod
     def of(
@@ -111,6 +113,9 @@ class Division:
         )
         if comparison.lattices is not None:
             simulator = replace(simulator, noise=on_lattices(simulator.noise, comparison.lattices))
+        if comparison.control.contrast_off and simulator.intensities is None:
+            # Noise on intensities has left it free already.
+            simulator = replace(simulator, free_contrast=True)
         # Not before: a ray that counts on neither side would look like one that the simulator lost.
         both = simulator.scan, measured
         if comparison.told is not None:
@@ -135,6 +140,7 @@ class Division:
             between_unknown=comparison.between_unknown,
             names=comparison.names,
             scenes=comparison.scenes,
+            control=comparison.control.of_rays,
         )
 
     def looking_at(self, chosen: Blocks) -> Division:
@@ -170,7 +176,10 @@ class Division:
         if self.between_unknown:
             between = get_effect("mixed_pixels")
             ev = replace(ev, rays=between.apply({"probability": np.float32(UNKNOWN_BETWEEN)}, ev.rays))
-        return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects or known.learned else ev), scene
+        for model in (self.control, known):
+            if model.effects or model.learned:
+                ev = replace(ev, rays=model.apply(ev.rays, self.scan))
+        return ev, scene
 
 
 @dataclass(frozen=True)
@@ -184,11 +193,11 @@ class NullModel:
     @classmethod
     def of(cls, division: Division, known: SensorModel = NOTHING_YET) -> NullModel:
         """Fits it. Raises ValueError for a learned law of what the frames do not hold."""
-        for law in known.learned:
+        for law in (*division.control.learned, *known.learned):
             law.check(division.scan)
         ev, _ = division.evidence(division.parts.find, known)
         # The null needs the component of false returns as soon as a known effect makes some.
-        clutter = any(get_effect(name).clutter for name, _ in known.effects)
+        clutter = any(get_effect(name).clutter for name, _ in (*division.control.effects, *known.effects))
         problem, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
         return cls(division, known, problem)
 

@@ -16,6 +16,7 @@ from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
+from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
@@ -153,6 +154,12 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             f"the simulated frames have noise of their own ({noises}; read off neighbouring rays, so texture as "
             "fine as these is part of it): surfaces were made smooth, and compared is what the simulator means; "
             "effects count by what they explain between surfaces, ranges and angles. Frames without noise tell more"
+        )
+    if comparison.control is not NO_CONTROL:
+        lacks = ", ".join(comparison.control.model.names) or "nothing"
+        lines.append(
+            f"in place from the start is what the control says that the simulator lacks by itself ({lacks}): what is "
+            "named comes on top of it, and so do the gap and sensor.json"
         )
     if division.simulator.free_contrast:
         lines.append(

@@ -34,13 +34,14 @@ from jaxsim.discover.name.select import Log
 from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.one_drive import ask_pieces
 from jaxsim.discover.read import Comparison, read_comparison
+from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.regimes.find import Divided, find_regimes
 from jaxsim.discover.repeats.examine import examine, formula_of, one_sided, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, unrelated
 from jaxsim.discover.show import law_gains, sensor_of, show_gap, with_placed, without_unconfirmed
 from jaxsim.discover.show.every_frame import HeldAnswer, judge_rest, rest_in_words
-from jaxsim.discover.verdict import Result, Verdict, Where
+from jaxsim.discover.verdict import InPlace, Result, Verdict, Where
 from jaxsim.effects import EFFECTS, Effect, get_effect
 from jaxsim.effects.chain import SensorModel
 
@@ -57,12 +58,13 @@ def discover_folders(
     measured: Path,
     effects: Iterable[str] | None = None,
     known: SensorModel = NOTHING_YET,
+    control: Control = NO_CONTROL,
     nulls: int = 0,
     every_frame: bool = False,
     log: Log = lambda line: None,
 ) -> Result:
-    """`discover` on two folders of polar frames (docs/polar-frames.md)."""
-    comparison = read_comparison(simulated, measured)
+    """`discover` on two folders of polar frames (docs/polar-frames.md), beside the `control` of an earlier answer."""
+    comparison = replace(read_comparison(simulated, measured), control=control)
     return discover(comparison, effects=effects, known=known, nulls=nulls, every_frame=every_frame, log=log)
 
 
@@ -90,7 +92,9 @@ def discover(
     begun = time.monotonic()
     if nulls < 0:
         raise ValueError(f"discover: nulls is {nulls}; give how many to draw, 20 or more to calibrate, or 0 for none")
-    modelled = [*(name for name, _ in known.effects), *(law.name for law in known.learned)]
+    control = comparison.control
+    given, known = known, known.beside(control.mounting)
+    modelled = known.names
     catalogue = [get_effect(name) for name in (EFFECTS if effects is None else effects) if name not in modelled]
 
     # Register: a mounting that is clearly off is put in place first, for nothing else can be asked across it.
@@ -168,6 +172,7 @@ def discover(
         nulls=answer.nulls,
         levels=levels,
         contrast=contrast_of_answer(contrast, choice.problem) if contrast else None,
+        control=InPlace(control.model.names, control.contrast_off) if control is not NO_CONTROL else None,
         objects=compare_objects(comparison),
         own=own_candidates(choice),
         learned=added.sensor.learned[len(mounting.known.learned) :],
@@ -179,7 +184,7 @@ def discover(
         unrelated=unrelated_note is not None,
         sensitivity=sensitivities(null, catalogue),
         notes=(
-            *notes(comparison, division, answer, held=modelled),
+            *notes(comparison, division, answer, held=given.names),
             *([rest_in_words(every)] if every else []),
             *([unrelated_note] if unrelated_note else []),
         ),
@@ -188,7 +193,7 @@ def discover(
     of_mounting = named_mounting(mounting, parts, rows=len(null.scan.grid.elevation_rad))
     verdict = with_placed(without_unconfirmed(verdict), of_drive.effects, how=of_drive.how)
     verdict = with_placed(verdict, *of_mounting, how=BY_RANGES)
-    sensor = sensor_of(verdict, added.sensor, known)
+    sensor = sensor_of(verdict, added.sensor, known).without(control.mounting.without(given))
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
     standing = [(one.effect, one.fit.z) for one in added.refits if one.effect.plain_name in dict(sensor.effects)]
     sensor = replace(sensor, levels=missing(levels, made_by(null.ev, in_place(null, standing).ev)))

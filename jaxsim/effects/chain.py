@@ -161,6 +161,20 @@ class SensorModel:
                 raise ValueError(f"where: {name} has no part; it may be given for effects of the model but {whole}")
         object.__setattr__(self, "effects", tuple(sorted(checked, key=lambda entry: order.index(entry[0]))))
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its effects and learned laws, in the order in which they act."""
+        return (*(name for name, _ in self.effects), *(law.name for law in self.learned))
+
+    def beside(self, other: SensorModel) -> SensorModel:
+        """This model, with those effects of another that it lacks."""
+        mine = dict(self.effects)
+        return replace(self, effects=(*self.effects, *(pair for pair in other.effects if pair[0] not in mine)))
+
+    def without(self, other: SensorModel) -> SensorModel:
+        """This model without effects that stand in another with the same values."""
+        return replace(self, effects=tuple(pair for pair in self.effects if pair not in other.effects))
+
     def values(self, rows: int) -> tuple[dict[str, Array], ...]:
         """Each effect's parameters as arrays for a sensor of so many beams.
 

@@ -159,6 +159,8 @@ def _together(verdict: Verdict) -> str:
     words = ""
     if verdict.unrelated:
         words += " The two sides' intensities have no relation to each other, so no effect on them could be asked."
+    if verdict.control and verdict.control.names:
+        words += f" Aside stands what the simulator lacks by itself (the control): {listed(verdict.control.names)}."
     if verdict.contrast:
         slopes = {scale: number(one.value) for scale, one in verdict.contrast.slopes.items()}
         words += (

@@ -27,6 +27,7 @@ from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.read import Comparison
+from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
@@ -107,7 +108,8 @@ def exchange(comparison: Comparison, division: Division) -> Comparison:
     reported = np.asarray(raw.hit)
     simulated = Measured(np.where(reported, raw.range_m, 0), np.where(reported, raw.intensity, 0), reported)
     scan = _with_readings(division.simulator.scan, comparison.measured)
-    return replace(comparison, scan=scan, measured=simulated, lattices=None)
+    # What the simulator lacks by itself the sensor does not.
+    return replace(comparison, scan=scan, measured=simulated, lattices=None, control=NO_CONTROL)
 
 
 def _with_readings(meant: Scan, measured: Measured) -> Scan:

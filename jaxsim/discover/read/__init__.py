@@ -1,6 +1,7 @@
 """Two folders of polar frames as one comparison.
 
 checks           units, one grid, the same streets under the same names
+control          what an earlier answer says the simulator lacks by itself
 motion           where the sensor stood, by ranges alone
 registration     what that is of, and what it says
 """
@@ -30,6 +31,7 @@ from jaxsim.discover.read.checks import (
     sceneless,
     unpartnered,
 )
+from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.read.motion import register
 from jaxsim.discover.read.registration import Registration, other_moments, speeds_read
 from jaxsim.effects.rays import Scan
@@ -71,6 +73,8 @@ class Comparison:
     side."""
     rest: Rest | None = None
     """The frames that were not read, because so many do not fit into memory."""
+    control: Control = NO_CONTROL
+    """What the simulator is known to lack by itself: it is in place whatever is asked."""
 
 
 @dataclass(frozen=True)

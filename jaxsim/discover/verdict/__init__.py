@@ -49,6 +49,7 @@ __all__ = [
     "Fidelity",
     "Gained",
     "Gap",
+    "InPlace",
     "Interval",
     "JudgeFrame",
     "Judged",
@@ -67,6 +68,16 @@ __all__ = [
     "Verdict",
     "Where",
 ]
+
+
+@dataclass(frozen=True)
+class InPlace:
+    """What a control says that the simulator lacks by itself, and was in place from the start."""
+
+    names: tuple[str, ...]
+    """Its effects and learned laws; empty where the control found none."""
+    contrast_off: bool
+    """Whether the sensor did not follow the simulator's contrast, which was left free here."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +137,8 @@ class Verdict:
     """Noise, losses and lattices of both sides; empty where frames are not compared one by one (unpaired)."""
     contrast: Contrast | None = None
     """How far the sensor follows the simulator's contrast; None where it does, and where that was not asked."""
+    control: InPlace | None = None
+    """What a control put in place; None where none was given."""
     objects: tuple[Fidelity, ...] = ()
     """Points and intensities a target; empty where the simulated frames have no classes, and unpaired."""
     own: tuple[OwnCandidate, ...] = ()
