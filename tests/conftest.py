@@ -60,7 +60,7 @@ MOST_MAPPINGS = 12_000
 MOST_BYTES = 3 * 2**29
 """Of the memory that a process holds at a module's end; a convention, for one that compiles much adds as much again."""
 DEAREST = (
-    *("train/test_intensity.py", "benchmarks/test_blind.py", "discover/name/test_exchange.py"),
+    *("train/test_intensity.py", "benchmarks/test_blind.py", "discover/name/test_other_sides.py"),
     *("discover/test_workflow.py", "train/test_depth.py", "cli/test_endings.py", "test_devices.py"),
     *("discover/show/test_every_frame.py", "pix2pix/test_golden_training.py", "discover/regimes/test_find.py"),
     *("cli/test_prepare.py", "discover/test_show.py", "discover/test_look_alikes.py", "cli/test_own_effects.py"),

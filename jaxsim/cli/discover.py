@@ -77,7 +77,7 @@ class Discover(Sides):
         # All that computes waits until the flags are known: a command line that is refused need not.
         from jaxsim.cli.gates import ask_gate, check_flags, make_gate
 
-        check_flags(self.gate, self.write_gate, fast=self.fast, control=self.control)
+        check_flags(vars(self))
         if self.gate:
             sys.exit(ask_gate(self.gate, self.out, self.compare))
         shown = self.compare()
@@ -94,6 +94,7 @@ class Discover(Sides):
         """The whole answer, written to `out`."""
         from jaxsim.data.polar_frames import read_grid
         from jaxsim.discover import discover_folders, discover_unpaired
+        from jaxsim.discover.read.control import write_sides
         from jaxsim.effects.own import known_effects
         from jaxsim.report.discovery import write_answer
         from jaxsim.report.words import verdict_sentence
@@ -109,6 +110,7 @@ class Discover(Sides):
         else:
             given = self.in_place(rows)
             result = discover_folders(**both, **given, nulls=self.nulls, every_frame=self.every_frame)
+            write_sides(self.out, simulated, measured)
         report = write_answer(self.out, result)
         print(f"\n{verdict_sentence(result.verdict)}\n\n{report}; beside it verdict.json, sensor.json, figures/")
         return result.verdict

@@ -7,6 +7,7 @@ import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from jaxsim.cli.endings import words_of
 from jaxsim.discover.gate import (
@@ -32,16 +33,22 @@ TITLES: dict[Colour, str] = {
 }
 WORDS: dict[Colour, str] = {"pass": "pass", "gap": "**gap**", "unsure": "could not judge"}
 """Of each colour, in the table of checks."""
+NOT_FAST = ("effects", "effects_from", "control", "nulls", "every_frame")
+"""Flags of naming, which --fast leaves out."""
 Compared = Verdict | Mapping[str, Interval]
 """What a gate is asked of: a whole answer, or distances alone."""
 
 
-def check_flags(gate: Path | None, write_gate: Path | None, *, fast: bool, control: Path | None = None) -> None:
+def check_flags(flags: Mapping[str, Any]) -> None:
     """Raises ValueError for flags of gates that do not go together."""
+    gate, write_gate = flags["gate"], flags["write_gate"]
+    fast = flags["fast"]
     if fast and not (gate or write_gate):
         raise ValueError("discover: --fast is for a gate; give --gate gate.json, or --write-gate gate.json first")
-    if fast and control:
-        raise ValueError("discover: --control came with --fast, which names nothing; leave one of them out")
+    for flag in NOT_FAST:
+        if fast and flags[flag]:
+            name = flag.replace("_", "-")
+            raise ValueError(f"discover: --{name} came with --fast, which names nothing; leave one of them out")
     if gate and write_gate:
         raise ValueError("discover: --write-gate makes a gate, --gate asks it; give one of them")
 

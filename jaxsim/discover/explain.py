@@ -14,6 +14,7 @@ from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
@@ -22,6 +23,12 @@ from jaxsim.discover.scenes import clipped
 from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
+
+ELSEWHERE = {
+    EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
+    CONTROL: "what the simulator lacks by itself, and nothing new",
+}
+"""What it means that other sides show what was found."""
 
 
 def named(
@@ -161,17 +168,20 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             f"in place from the start is what the control says that the simulator lacks by itself ({lacks}): what is "
             "named comes on top of it, and so do the gap and sensor.json"
         )
+        if comparison.control.folders is None:
+            lines.append(
+                "the control's frames are not where its answer found them: what the simulator lacks by itself too "
+                "weakly to be named there could not be told from what is new"
+            )
     if division.simulator.free_contrast:
         lines.append(
             "the sensor does not follow the simulator's contrast: slopes differ between cells, patches and surfaces, "
             "which no law of the sensor explains (`contrast`); they are left free, and effects on intensities count by "
             "what they explain along ranges, angles and rows and between classes"
         )
-    if answer.mutual:
-        lines.append(
-            f"found, and not said: {', '.join(answer.mutual)}. With the sides exchanged it is found as well: so it is "
-            "what noise of both does to the comparison, nothing that one of them has and the other has not"
-        )
+    for why, meaning in ELSEWHERE.items():
+        if found := [one for one, of in answer.elsewhere if of == why]:
+            lines.append(f"found, and not said: {', '.join(found)}. {why[0].upper()}{why[1:]}: so it is {meaning}")
     if answer.unfounded:
         lines.append(
             f"found, and not said: {', '.join(answer.unfounded)}. Weak echoes lie farther from the prediction, but the "

@@ -197,9 +197,9 @@ class Rules:
     """Share of the largest gain, accepted or not, that the answer must reach: a weak one is none to a strong gap."""
     most_effects: int = 4
     """Effects that are named at most."""
-    exchanged_share: float = 0.25
-    """Share of its gain that what is found may gain with the sides exchanged too, beside a simulator with noise: beyond
-    it the two say it of each other. What one side lacks loses there; what noise does gains alike, but for chance."""
+    elsewhere_share: float = 0.25
+    """Share of its gain that what is found may gain with the sides exchanged too, beside a simulator with noise, or on
+    the control's frames. What is new to one side loses there; what noise or the simulator does gains alike."""
     same_brightness_nats: float = 0.1
     """Standard deviation up to which both know how bright surfaces are; tables of reflectances are off by more."""
     contrast_nats: float = 30.0

@@ -29,7 +29,7 @@ from jaxsim.discover.model.fit import in_place
 from jaxsim.discover.model.null import refitted
 from jaxsim.discover.mounting import BY_RANGES, named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.name.answer import Answer, name_effects, without_curve
-from jaxsim.discover.name.exchange import Exchanged
+from jaxsim.discover.name.other_sides import OtherSides
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.one_drive import ask_pieces
@@ -64,6 +64,7 @@ def discover_folders(
     log: Log = lambda line: None,
 ) -> Result:
     """`discover` on two folders of polar frames (docs/polar-frames.md), beside the `control` of an earlier answer."""
+    control.check_new(simulated, measured)
     comparison = replace(read_comparison(simulated, measured), control=control)
     return discover(comparison, effects=effects, known=known, nulls=nulls, every_frame=every_frame, log=log)
 
@@ -125,21 +126,24 @@ def discover(
     catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
     without = ("intensity",) if unrelated_note else ()
-    asked = partial(answer_of, comparison, catalogue=catalogue, nulls=nulls, without=without, log=log)
-    answer, exchanged = asked(found)
+    beside = cache(partial(sides_of, control, *control.folders)) if control.folders else None
+    asked = partial(
+        answer_of, comparison, catalogue=catalogue, nulls=nulls, without=without, control_sides=beside, log=log
+    )
+    answer, others = asked(found)
     contrast = None if unrelated_note else contrast_off(found.null, answer.choice)
     if contrast:
         log(f"the sensor does not follow the simulator's contrast ({contrast.total:.0f} nats): all is asked beside it")
         division = division.with_free_contrast()
         found = find_dependences(division, mounting.known)
         null = found.null.problem
-        answer, exchanged = asked(found)
+        answer, others = asked(found)
 
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
     divided = find_regimes(found.null, answer, without=without, log=log)
 
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
-    fitted = fit_answer(found, divided, exchanged, log=log)
+    fitted = fit_answer(found, divided, others, log=log)
     answer, added = fitted.answer, fitted.added
     choice = answer.choice
 
@@ -200,6 +204,14 @@ def discover(
     return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, choice.first_ranking, shown.frames)
 
 
+def sides_of(control: Control, simulated: Path, measured: Path) -> OtherSides:
+    """The control's frames, to which what is about to be said of others is held.
+
+    Raises ValueError where they are none any more."""
+    comparison = replace(read_comparison(simulated, measured), control=control)
+    return OtherSides.of_control(place_mounting(comparison, (), control.mounting).comparison)
+
+
 def answer_of(
     comparison: Comparison,
     found: Dependences,
@@ -207,12 +219,18 @@ def answer_of(
     catalogue: Sequence[Effect],
     nulls: int,
     without: Sequence[str],
+    control_sides: Callable[[], OtherSides] | None,
     log: Log,
-) -> tuple[Answer, Callable[[], Exchanged] | None]:
-    """What naming says of what was `found`, and the sides exchanged where the simulator has noise."""
+) -> tuple[Answer, Sequence[Callable[[], OtherSides]]]:
+    """What naming says of what was `found`, and the other sides that it asked: the sides exchanged where the simulator
+    has noise, and the control's frames where they are there."""
     null, simulator = found.null.problem, found.null.division.simulator
-    # Of a simulator without noise the sides are no two readings of one street.
-    exchanged = cache(partial(Exchanged.of, comparison, found.null)) if simulator.noisy else None
+    others: list[Callable[[], OtherSides]] = []
+    if simulator.noisy:
+        # Of a simulator without noise the sides are no two readings of one street.
+        others.append(cache(partial(OtherSides.exchanged, comparison, found.null)))
+    if control_sides:
+        others.append(control_sides)
     answer = name_effects(
         null,
         catalogue,
@@ -221,12 +239,12 @@ def answer_of(
         nulls=nulls,
         without=without,
         unasked=HIDDEN_BY_CONTRAST if simulator.free_contrast else HIDDEN_BY_NOISE if simulator.intensities else (),
-        exchanged=exchanged,
+        others=others,
         noise_grows=cache(partial(range_noise_grows, comparison)),
         leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
         log=log,
     )
-    return answer, exchanged
+    return answer, others
 
 
 @dataclass(frozen=True)
@@ -240,10 +258,10 @@ class FittedAnswer:
 
 
 def fit_answer(
-    found: Dependences, divided: Divided, exchanged: Callable[[], Exchanged] | None, *, log: Log
+    found: Dependences, divided: Divided, others: Sequence[Callable[[], OtherSides]], *, log: Log
 ) -> FittedAnswer:
     """What was named, fitted together; a law for what no effect describes; and laws of what repeats at the same rows
-    and columns in every scene with these in place, but does not with the sides `exchanged`."""
+    and columns in every scene with these in place, but does not on `others`, other sides."""
     log("fitting what was named together")
     null, known = found.null.problem, found.null.known
     answer, choice = divided.answer, divided.answer.choice
@@ -262,9 +280,9 @@ def fit_answer(
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
     log("looking for what repeats")
     repeats = examine(found.null, added.chain, choice.problem.noise)
-    if repeats and exchanged:
-        repeats, mutual = one_sided(repeats, exchanged())
-        answer = replace(answer, mutual=(*answer.mutual, *mutual))
+    for other in others if repeats else ():
+        repeats, passed = one_sided(repeats, sides := other())
+        answer = replace(answer, elsewhere=(*answer.elsewhere, *((formula, sides.why) for formula in passed)))
     if repeats:
         log(f"{repeats[0].repeat.formula}, in every scene: no effect of the catalogue, added as it is")
         added = with_repeats(added, [one.learned for one in repeats])

@@ -1,14 +1,18 @@
 """The command, and its answers to folders that nothing can be decided from."""
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from jaxsim.cli import COMMANDS, discover, stop_on_error
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame, write_grid
+from jaxsim.discover import NO_CONTROL, Control
+from jaxsim.discover.verdict import Interval, Level, Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarGrid, PolarImage
 from tests.report import results
@@ -64,9 +68,10 @@ def test_an_answer_is_not_written_among_the_frames(folders: Folders):
 def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeypatch, capsys, make):
     seen = []
 
-    def answer(*, simulated, measured, known, nulls, every_frame, log):
+    def answer(*, simulated, measured, known, control, nulls, every_frame, log):
         seen.extend([measured, simulated, nulls])
         assert known == SensorModel()
+        assert control is NO_CONTROL
         log("fitting")
         return make()
 
@@ -74,7 +79,8 @@ def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeyp
     out = tmp_path / "deep" / "out"
     discover.Discover(measured=folders[0], simulated=folders[1], out=out, nulls=3)()
     assert seen == [*folders, 3]
-    assert {path.name for path in out.iterdir()} == {"verdict.json", "sensor.json", "report.html", "figures"}
+    written = {"verdict.json", "sensor.json", "sides.json", "report.html", "figures"}
+    assert {path.name for path in out.iterdir()} == written
     verdict = json.loads((out / "verdict.json").read_text())
     assert verdict["verdict"] == make().verdict.verdict
     assert SensorModel.load(out / "sensor.json", rows=results.ROWS) == make().sensor
@@ -94,6 +100,48 @@ def test_a_sensor_model_of_other_beams_or_beside_unpaired(folders: Folders, tmp_
     with pytest.raises(SystemExit, match="no file"), stop_on_error():
         discover.Discover(**given, effects=tmp_path / "other.json")()
     assert not (tmp_path / "out").exists()
+
+
+def test_an_answer_is_the_control_of_the_next(folders: Folders, tmp_path: Path, monkeypatch):
+    seen: list[Control] = []
+    lacking = SensorModel((("range_offset", {"offset_m": 0.05}),))
+
+    def answer(*, control, **_):
+        seen.append(control)
+        # Levels tell that frames were compared ray by ray.
+        return dataclasses.replace(results.named(), verdict=with_levels(results.named().verdict), sensor=lacking)
+
+    monkeypatch.setattr("jaxsim.discover.discover_folders", answer)
+    given = {"measured": folders[0], "simulated": folders[1]}
+    discover.Discover(**given, out=tmp_path / "control")()
+    # Elsewhere, as a folder that was moved, but for the frames.
+    shutil.move(tmp_path / "control", tmp_path / "kept")
+    discover.Discover(**given, out=tmp_path / "out", control=tmp_path / "kept")()
+    assert seen == [NO_CONTROL, Control.load(tmp_path / "kept")]
+    assert seen[1].model == lacking
+    assert seen[1].folders is not None
+    assert [folder.resolve() for folder in seen[1].folders] == [folders[1].resolve(), folders[0].resolve()]
+    shutil.rmtree(folders[0])
+    assert Control.load(tmp_path / "kept").folders is None
+
+
+def test_a_control_that_is_none_or_goes_with_nothing(folders: Folders, tmp_path: Path):
+    given: dict[str, Any] = {"measured": folders[0], "simulated": folders[1], "control": tmp_path}
+    refused: list[tuple[dict[str, Any], str]] = [
+        ({"out": tmp_path / "out"}, "no file .*verdict.json; a control is the folder of an earlier answer"),
+        ({"out": tmp_path}, "is read, and would be written into"),
+        ({"out": tmp_path / "out", "unpaired": True}, "--control came with --unpaired"),
+        ({"out": tmp_path / "out", "fast": True, "write_gate": tmp_path / "gate.json"}, "--control came with --fast"),
+    ]
+    for more, words in refused:
+        with pytest.raises(SystemExit, match=words), stop_on_error():
+            discover.Discover(**given, **more)()
+    assert not (tmp_path / "out").exists()
+
+
+def with_levels(verdict: Verdict) -> Verdict:
+    one = Interval(1, 0.9, 1.1, "m")
+    return dataclasses.replace(verdict, levels=(Level("range_noise", one, one, one, beyond_usual=False),))
 
 
 def test_the_command_is_listed():

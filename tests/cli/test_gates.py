@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from jaxsim.cli import main
+from jaxsim.cli.discover import Discover
 from jaxsim.cli.gates import ask_gate, check_flags, junit, make_gate, markdown
 from jaxsim.discover.gate import Check, save_gate
 from jaxsim.discover.verdict import Interval
@@ -25,13 +26,15 @@ CHECKS = (
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        ((None, None), "--fast is for a gate"),
-        ((Path("g.json"), Path("g.json")), "give one of them"),
+        ({}, "--fast is for a gate"),
+        ({"gate": Path("g.json"), "write_gate": Path("g.json")}, "give one of them"),
+        ({"gate": Path("g.json"), "nulls": 20}, "--nulls came with --fast"),
+        ({"gate": Path("g.json"), "every_frame": True}, "--every-frame came with --fast"),
     ],
 )
 def test_flags_of_gates_that_do_not_go_together(flags, message):
     with pytest.raises(ValueError, match=message):
-        check_flags(*flags, fast=True)
+        check_flags(vars(Discover(out=Path("out"), fast=True, **flags)))
 
 
 def refused():

@@ -1,6 +1,7 @@
 """What is said of the candidates that are not named, and what a reader must know."""
 
 import inspect
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,8 +9,11 @@ import numpy as np
 from jaxsim.discover.explain import named, notes, why_not
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice
+from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.rules import RULES
+from jaxsim.effects.chain import SensorModel
 from tests.discover.name.made import candidate, problem, step
 
 
@@ -45,10 +49,10 @@ def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
     assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
 
 
-def told(*steps, semantic=None, free_contrast=False, **more):
+def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, **more):
     """The notes of an answer on frames of which nothing else must be known."""
     scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
-    comparison = SimpleNamespace(notes=(), scenes=("a", "b"), scan=scan)
+    comparison = SimpleNamespace(notes=(), scenes=("a", "b"), scan=scan, control=control)
     simulator = SimpleNamespace(noise=Levels(), free_contrast=free_contrast)
     division = SimpleNamespace(parts=SimpleNamespace(judge=("a",) * 5), simulator=simulator)
     return inspect.unwrap(notes)(comparison, division, Answer("named", Choice(steps, (), problem()), None, **more))
@@ -73,3 +77,23 @@ def test_a_fall_with_the_range_is_told_to_be_doubtful_where_no_class_tells_surfa
     assert note.startswith("atmospheric_extinction: the simulated frames tell no classes")
     assert told(gain, fall, semantic=classes) == ()
     assert told(gain, semantic=one_kind) == ()
+
+
+def test_what_a_control_put_in_place_is_told():
+    model = SensorModel((("range_offset", {"offset_m": 0.05}),))
+    [note] = told(control=Control(model, folders=(Path("simulated"), Path("measured"))))
+    assert "in place from the start" in note
+    assert "(range_offset)" in note
+    [_, lost] = told(control=Control(model))
+    assert "the control's frames are not where its answer found them" in lost
+    [nothing, _] = told(control=Control())
+    assert "(nothing)" in nothing
+
+
+def test_what_other_sides_show_as_well_is_told_with_what_that_means():
+    found = (("mixed_pixels", EXCHANGED), ("snr_dropout", CONTROL), ("drop along power", CONTROL))
+    [noise, own] = told(elsewhere=found)
+    assert "not said: mixed_pixels. With the sides exchanged" in noise
+    assert "what noise of both does" in noise
+    assert "not said: snr_dropout, drop along power. The control's frames show it" in own
+    assert "by itself, and nothing new" in own

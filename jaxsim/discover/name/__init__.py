@@ -4,7 +4,7 @@ starts         where fits begin that would feel no pull from elsewhere, read off
 candidates     every effect, fitted and judged on scenes that its fit has not seen
 select         one effect after another, as long as each gains more than the bar
 unexplained    free curves, for what no effect describes
-exchange       the sides exchanged: what noise of both does to the comparison
+other_sides    the sides exchanged, and the control's frames: what is found there too is not said
 nulls          measurements in which nothing is missing, which set the bar
 answer         which of the three answers it is
 """

@@ -15,8 +15,8 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.nulls import run_nulls
+from jaxsim.discover.name.other_sides import OtherSides
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
@@ -33,7 +33,6 @@ Curve = tuple[Dependence, Candidate]
 LeavesNothing = Callable[[Curve, Sequence[Law], float], bool]
 """Whether the law of a free curve, in place, leaves effects nothing to say that passes a bar."""
 
-MUTUAL = "with the sides exchanged it is found as well"
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 
 
@@ -51,10 +50,10 @@ class Answer:
     curve: tuple[Dependence, Candidate] | None = None
     """The free curve behind `unexplained`, fitted on top of what is chosen."""
     unasked: tuple[Along, ...] = ()
-    """Free curves that are not asked: those that nobody should ask of these sides, and those that are found with the
-    sides exchanged as well."""
-    mutual: tuple[str, ...] = ()
-    """All that was found, and is not said because the sides say it of each other (`exchange`), in words."""
+    """Free curves that are not asked: those that nobody should ask of these sides, and those that are found on
+    other sides as well."""
+    elsewhere: tuple[tuple[str, str], ...] = ()
+    """All that was found, and is not said because other sides show it as well, in words, and why (`OtherSides.why`)."""
     unfounded: tuple[str, ...] = ()
     """Effects that were found, and are not said because neighbouring readings do not bear them out."""
     unconfirmed: tuple[str, ...] = ()
@@ -70,7 +69,7 @@ def name_effects(
     nulls: int = 0,
     without: Sequence[str] = (),
     unasked: Sequence[Along] = (),
-    exchanged: Callable[[], Exchanged] | None = None,
+    others: Sequence[Callable[[], OtherSides]] = (),
     noise_grows: Callable[[], bool] = lambda: True,
     leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
     log: Log = lambda line: None,
@@ -81,17 +80,15 @@ def name_effects(
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`,
     and none of `unasked`.
-    What a simulator with noise of its own says of the sensor, and the sensor of it, is passed over: `exchanged` gives
-    the sides exchanged, and is asked where anything is found. Noise that grows as echoes weaken is said where that of
+    What `others` show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
+    control's frames. They are asked where anything is found. Noise that grows as echoes weaken is said where that of
     neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces. `leaves_nothing` tells
     whether a free curve's law leaves effects nothing to say.
     """
 
     def refuse(step: FittedStep) -> str:
-        why = ""
-        if exchanged is not None and exchanged().has(step):
-            why = MUTUAL
-        elif step.chosen.effect.name == "range_noise" and not noise_grows():
+        why = next((sides.why for other in others if (sides := other()).has(step)), "")
+        if not why and step.chosen.effect.name == "range_noise" and not noise_grows():
             why = UNFOUNDED
         if why:
             log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, not said: {why}")
@@ -107,22 +104,27 @@ def name_effects(
         log(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
         raised = bars.effect > RULES.bar_nats
         choice = choose(null, catalogue, bars=bars, refuse=refuse, log=log) if raised else replace(choice, bars=bars)
-    curves: list[Along] = []
+    passed: list[tuple[Along, str]] = []
     decided = partial(decide, null, choice, dependences, scene=scene, without=without, leaves_nothing=leaves_nothing)
     answer = decided(but=unasked)
-    # The strongest may be mutual and the next one not: curves are struck off one by one.
-    while exchanged and answer.curve and exchanged().has_curve(answer.choice.problem, *answer.curve):
-        curves.append((answer.curve[0].channel, answer.curve[0].covariate))
-        log(f"{in_words(curves[-1])}: found with the sides exchanged too: not said")
-        answer = decided(but=(*unasked, *curves))
-    mutual = [name for name, why in choice.refused.items() if why == MUTUAL]
+    # The strongest may be found elsewhere and the next one not: curves are struck off one by one.
+    while answer.curve and (why := _elsewhere(others, answer.choice.problem, answer.curve)):
+        passed.append(((answer.curve[0].channel, answer.curve[0].covariate), why))
+        log(f"{in_words(passed[-1][0])}, not said: {why}")
+        answer = decided(but=(*unasked, *(along for along, _ in passed)))
+    effects = [(name, why) for name, why in choice.refused.items() if why != UNFOUNDED]
     return replace(
         answer,
         nulls=drawn,
-        unasked=(*unasked, *curves),
-        mutual=(*mutual, *map(in_words, curves)),
+        unasked=(*unasked, *(along for along, _ in passed)),
+        elsewhere=(*effects, *((in_words(along), why) for along, why in passed)),
         unfounded=tuple(name for name, why in choice.refused.items() if why == UNFOUNDED),
     )
+
+
+def _elsewhere(others: Sequence[Callable[[], OtherSides]], problem: Problem, curve: Curve) -> str:
+    """Why a free curve that was fitted to a problem is not said; empty where no other sides show it."""
+    return next((sides.why for other in others if (sides := other()).has_curve(problem, *curve)), "")
 
 
 def without_curve(answer: Answer) -> Answer:

@@ -7,12 +7,17 @@ of theirs, put in place first, leaves of other drives what is new on these.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from jaxsim.data.polar_frames import read_grid
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import placed, read_json
+from jaxsim.files import placed, read_entry, read_json, write_text
+from jaxsim.geometry.sensor import grid_difference
 
+SIDES = "sides.json"
+"""Beside an answer: where the two folders are that it compared."""
 MOUNTING = ("extrinsic_rotation", "extrinsic_translation", "beam_elevation_error")
 """Effects that are put in place by casting the simulated frames again (`mounting`)."""
 
@@ -25,6 +30,8 @@ class Control:
     """Its effects and learned laws, as fitted there."""
     contrast_off: bool = False
     """Whether the sensor did not follow the simulator's contrast there."""
+    folders: tuple[Path, Path] | None = None
+    """Its simulated and its measured frames; None where they are not to be had any more."""
 
     @property
     def mounting(self) -> SensorModel:
@@ -36,6 +43,23 @@ class Control:
     def of_rays(self) -> SensorModel:
         """All of it that acts on rays as they were cast: all but the mounting."""
         return self.model.without(self.mounting)
+
+    def check_new(self, simulated: Path, measured: Path) -> None:
+        """Raises ValueError where these are the control's own frames, or of another grid than these."""
+        if self.folders is None:
+            return
+        if measured.resolve() == self.folders[1].resolve():
+            raise ValueError(
+                f"discover: {measured} are the frames of the control, beside which nothing of them can be new; give an "
+                "answer of other drives as --control"
+            )
+        grid, _ = read_grid(simulated)
+        of_control, _ = read_grid(self.folders[0])
+        if difference := grid_difference(of_control, grid):
+            raise ValueError(
+                f"discover: the grids of the control's frames, {self.folders[0]}, and of {simulated} differ in "
+                f"{difference}; a control is of the same simulated sensor"
+            )
 
     @classmethod
     def load(cls, folder: Path | str, rows: int | None = None) -> Control:
@@ -61,7 +85,28 @@ class Control:
             )
         model = SensorModel.load(folder / "sensor.json", rows=rows)
         # Levels are no effects: both sides of the new frames tell theirs.
-        return cls(replace(model, levels={}), contrast_off=contrast is not None)
+        return cls(replace(model, levels={}), contrast is not None, read_sides(folder))
+
+
+def write_sides(folder: Path, simulated: Path, measured: Path) -> None:
+    """Notes beside an answer which folders it compared, those within its own folder as seen from there."""
+    own = folder.resolve()
+    paths = {"simulated": simulated.resolve(), "measured": measured.resolve()}
+    within = {name: path.relative_to(own) if path.is_relative_to(own) else path for name, path in paths.items()}
+    write_text(folder / SIDES, json.dumps({name: path.as_posix() for name, path in within.items()}, indent=1) + "\n")
+
+
+def read_sides(folder: Path) -> tuple[Path, Path] | None:
+    """The simulated and the measured folder that an answer compared; None where they are not known or not there.
+
+    Raises ValueError for a file that does not say it.
+    """
+    path = folder / SIDES
+    if not path.is_file():
+        return None
+    simulated = folder / read_entry(path, "simulated", str, by="discover")
+    measured = folder / read_entry(path, "measured", str, by="discover")
+    return (simulated, measured) if simulated.is_dir() and measured.is_dir() else None
 
 
 NO_CONTROL = Control()

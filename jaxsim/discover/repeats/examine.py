@@ -19,7 +19,7 @@ from jaxsim.discover.model.fit import Chain, in_place
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.answer import Answer
-from jaxsim.discover.name.exchange import Exchanged
+from jaxsim.discover.name.other_sides import OtherSides
 from jaxsim.discover.repeats.find import FoundPattern, find_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, learn_repeats, pattern_form
 from jaxsim.discover.repeats.maps import Maps, maps_of
@@ -73,15 +73,13 @@ def examine(null: NullModel, chain: Chain, noise: Noise) -> tuple[LearnedRepeat,
     return dense.learn(repeats, chain, noise) if repeats else ()
 
 
-def one_sided(
-    repeats: Sequence[LearnedRepeat], exchanged: Exchanged
-) -> tuple[tuple[LearnedRepeat, ...], tuple[str, ...]]:
-    """The patterns that are not there with the sides exchanged as well, and the formulas of the others."""
-    maps = Dense.of(exchanged.null).maps()
+def one_sided(repeats: Sequence[LearnedRepeat], other: OtherSides) -> tuple[tuple[LearnedRepeat, ...], tuple[str, ...]]:
+    """The patterns that other sides do not show as well, and the formulas of those that they do."""
+    maps = Dense.of(other.null).maps()
     one_side, both = [], []
     for one in repeats:
         channel = one.repeat.channel
-        alike = channel in exchanged.channels and size_of(one, maps[channel]) >= RULES.exchanged_share
+        alike = channel in other.channels and size_of(one, maps[channel]) >= RULES.elsewhere_share
         (both if alike else one_side).append(one)
     return tuple(one_side), tuple(one.repeat.formula for one in both)
 

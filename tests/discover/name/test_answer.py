@@ -1,5 +1,6 @@
 """Which answer is given."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.name import answer
-from jaxsim.discover.name.exchange import Exchanged
+from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.verdict import Unexplained
 from tests.discover.name.made import CHANNEL, candidate, problem, step
@@ -128,17 +129,19 @@ def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch):
         assert said.choice.problem is remains
 
 
-def exchanged() -> Exchanged:
-    """The sides exchanged, which show every curve."""
+def showing(*, why: str, all_curves: bool) -> OtherSides:
+    """Other sides, which show every curve, or none."""
 
-    class Sides(Exchanged):
+    class Sides(OtherSides):
         def has_curve(self, fitted_to, along, curve):
-            return True
+            return all_curves
 
-    return object.__new__(Sides)
+    sides = object.__new__(Sides)
+    object.__setattr__(sides, "why", why)
+    return sides
 
 
-def test_a_curve_that_both_sides_show_is_not_asked_again(monkeypatch):
+def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch):
     curve = candidate("curve", 9)
     whole = problem(ev=SimpleNamespace(all_blocks=None))
     monkeypatch.setattr(answer, "choose", lambda *_, **__: Choice((), (), whole))
@@ -148,13 +151,14 @@ def test_a_curve_that_both_sides_show_is_not_asked_again(monkeypatch):
         "describe_curve",
         lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
     )
-    said = answer.name_effects(whole, [], [], scene=np.arange(11), exchanged=exchanged)
+    others = [partial(showing, why=EXCHANGED, all_curves=False), partial(showing, why=CONTROL, all_curves=True)]
+    said = answer.name_effects(whole, [], [], scene=np.arange(11), others=others)
     assert said.verdict == "none"
-    assert said.mutual == ("intensity along range",)
+    assert said.elsewhere == (("intensity along range", CONTROL),)
     assert answer.name_effects(whole, [], [], scene=np.arange(11)).verdict == "not_in_catalogue"
     # Nor is one that is not to be asked at all, and nothing is said of it.
     unasked = answer.name_effects(whole, [], [], scene=np.arange(11), unasked=[("intensity", "range")])
-    assert (unasked.verdict, unasked.mutual) == ("none", ())
+    assert (unasked.verdict, unasked.elsewhere) == ("none", ())
     # Nor where effects are confined to a part later.
     assert said.unasked == unasked.unasked == (("intensity", "range"),)
 

@@ -9,10 +9,13 @@ import jax
 import numpy as np
 import pytest
 
+from jaxsim.data.polar_frames import write_grid
 from jaxsim.discover import NO_CONTROL, Comparison, Control, discover
 from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.read.control import read_sides, write_sides
 from jaxsim.discover.verdict import Contrast, Interval, Level, Verdict
 from jaxsim.effects.chain import SensorModel
+from jaxsim.frame import PolarGrid
 from tests.discover.toy import toy
 from tests.report import results
 
@@ -84,6 +87,36 @@ def test_a_mounting_is_put_in_place_by_casting_and_the_rest_by_rays():
     assert [name for name, _ in control.mounting.effects] == ["extrinsic_rotation"]
     assert [name for name, _ in control.of_rays.effects] == ["range_falloff"]
     assert NO_CONTROL.mounting == NO_CONTROL.of_rays == SensorModel()
+
+
+def test_a_control_of_these_frames_or_of_another_grid_is_refused(tmp_path: Path):
+    grid = PolarGrid(*(np.linspace(1, -1, n, dtype=np.float32) for n in (8, 4)), np.zeros(4, np.float32))
+    folders = {name: tmp_path / name for name in ("simulated", "measured", "new", "wide")}
+    for name, folder in folders.items():
+        write_grid(folder, grid.replace(azimuth_rad=2 * grid.azimuth_rad) if name == "wide" else grid)
+    control = Control(folders=(folders["simulated"], folders["measured"]))
+    control.check_new(folders["simulated"], folders["new"])
+    NO_CONTROL.check_new(folders["wide"], folders["measured"])
+    with pytest.raises(ValueError, match=r"measured are the frames of the control"):
+        control.check_new(folders["simulated"], folders["measured"])
+    with pytest.raises(ValueError, match=r"differ in azimuth_rad .*; a control is of the same simulated sensor"):
+        control.check_new(folders["wide"], folders["new"])
+
+
+def test_where_frames_are_is_noted_from_the_answer_itself_where_they_are_in_it(tmp_path: Path):
+    out = tmp_path / "answer"
+    for folder in (out / "simulated", tmp_path / "measured"):
+        folder.mkdir(parents=True)
+    write_sides(out, out / "simulated", tmp_path / "measured")
+    assert read_sides(out) == (out / "simulated", tmp_path / "measured")
+    moved = out.rename(tmp_path / "kept")
+    assert read_sides(moved) == (moved / "simulated", tmp_path / "measured")
+    (moved / "simulated").rmdir()
+    assert read_sides(moved) is None
+    assert read_sides(tmp_path) is None
+    (moved / "sides.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"sides.json must hold 'simulated'"):
+        read_sides(moved)
 
 
 def test_an_earlier_answer_is_a_control(tmp_path: Path):

@@ -1,10 +1,13 @@
-"""The sides exchanged: what both say of each other alike is noise, and nothing that one of them lacks.
+"""Other sides, into which what is about to be said is put as it was fitted: where it gains there too, it is not said.
 
-Where the simulator has noise of its own, both sides are noisy readings of the same surfaces. What noise does to a
-comparison (dark readings regress to the mean, a ray at an edge meets now this surface, now that) it does whichever side
-is taken for the simulation. What the sensor does and the simulator does not would have to be undone, not done once
-more, where the sensor's frames are taken for simulated ones. So what is about to be said is put, as it was fitted, into
-the comparison of the exchanged sides: where it gains there too, it is not said.
+The control's: what the simulator lacks on its control's frames as well it lacks by itself, and be it too weak to have
+been named there.
+
+The sides exchanged: what both say of each other alike is noise, and nothing that one of them lacks. Where the simulator
+has noise of its own, both sides are noisy readings of the same surfaces. What noise does to a comparison (dark readings
+regress to the mean, a ray at an edge meets now this surface, now that) it does whichever side is taken for the
+simulation. What the sensor does and the simulator does not would have to be undone, not done once more, where the
+sensor's frames are taken for simulated ones.
 
 Of intensities this is a fair question only where both sides know how bright each surface is. A simulator that has a
 table of reflectances lacks what surfaces have of their own, and that alone makes its readings regress once it is taken
@@ -34,47 +37,58 @@ from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
 
+EXCHANGED = "with the sides exchanged it is found as well"
+CONTROL = "the control's frames show it as well"
+
 
 @dataclass(frozen=True)
-class Exchanged:
-    """The null of the find scenes with the sides exchanged."""
+class OtherSides:
+    """The null of the find scenes of other sides."""
 
     null: NullModel
     fit: Fit
     channels: frozenset[str]
-    """Channels of which the exchanged sides can be asked."""
+    """Channels of which these sides can be asked."""
+    why: str
+    """EXCHANGED or CONTROL: why what is found here as well is not said."""
 
     @classmethod
-    def of(cls, comparison: Comparison, null: NullModel) -> Exchanged:
+    def of_control(cls, comparison: Comparison) -> OtherSides:
+        """The control's frames, with what was named of them in place."""
+        null = NullModel.of(Division.of(comparison))
+        return cls(null, fit_noise(null.problem, null.problem.ev.all_blocks), frozenset(CHANNELS), CONTROL)
+
+    @classmethod
+    def exchanged(cls, comparison: Comparison, null: NullModel) -> OtherSides:
         """The comparison with what was measured in the place of what was simulated; `null` is that of the sides as they
         are. What else the sides differ by, known or found, is in neither place: it is left to the nuisances."""
         division = null.division
         turned = Division.of(exchange(comparison, division), chosen=division.blocks, parts=division.parts)
         other = NullModel.of(turned)
         noise = fit_noise(other.problem, other.problem.ev.all_blocks)
-        return cls(other, noise, alike(division, null.problem))
+        return cls(other, noise, alike(division, null.problem), EXCHANGED)
 
     def gain(self, effect: Law, values: dict[str, np.ndarray], problem: Problem | None = None) -> float:
-        """Nats that the find scenes, none of which decides alone, gain by an effect with these values; `problem` is
-        the null's, whose rays may carry a basis."""
+        """Nats that a find scene gains by an effect with these values, in the mean, and none of them decides alone;
+        `problem` is the null's, whose rays may carry a basis."""
         problem = problem or self.null.problem
-        # The values stay as they are: only the noise is fitted to the exchanged sides.
+        # The values stay as they are: only the noise is fitted to these sides.
         placed = fit(effect, problem, problem.ev.all_blocks, starts=(values,), fixed=True)
         used = [CHANNELS.index(name) for name in channels_of(effect) if name in self.channels]
         by_block = (placed.score - self.fit.score)[:, used].sum(-1)
         scene = np.asarray(problem.ev.scene)
-        return float(clipped(np.bincount(scene, by_block, problem.ev.scenes)[np.unique(scene)]).sum())
+        return float(clipped(np.bincount(scene, by_block, problem.ev.scenes)[np.unique(scene)]).mean())
 
     def has(self, step: FittedStep) -> bool:
-        """Whether an effect that was chosen is found with the sides exchanged as well."""
+        """Whether an effect that was chosen is found here as well."""
         effect = step.chosen.effect
         if self.channels.isdisjoint(effect.channels):
             return False
         values = {name: np.asarray(value) for name, value in to_values(effect, step.fit.z).items()}
-        return self.gain(effect, values) >= RULES.exchanged_share * step.chosen.total
+        return self.gain(effect, values) >= RULES.elsewhere_share * mean_gain(step.chosen)
 
     def has_curve(self, fitted_to: Problem, along: Dependence, curve: Candidate) -> bool:
-        """Whether a free curve is found with the sides exchanged as well."""
+        """Whether a free curve is found here as well."""
         if along.channel not in self.channels:
             return False
         name = along.covariate
@@ -88,7 +102,12 @@ class Exchanged:
         effect = CURVES[along.change]
         one = np.zeros_like(fits[0])
         one[0] = 1.0
-        return self.gain(effect, {"height": one}, problem) >= RULES.exchanged_share * curve.total
+        return self.gain(effect, {"height": one}, problem) >= RULES.elsewhere_share * mean_gain(curve)
+
+
+def mean_gain(candidate: Candidate) -> float:
+    """Nats that a find scene gains by a candidate, in the mean."""
+    return candidate.total / len(candidate.gain)
 
 
 def alike(division: Division, null: Problem) -> frozenset[str]:

@@ -7,7 +7,7 @@ from jaxsim.discover import discover
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.name.exchange import Exchanged, alike
+from jaxsim.discover.name.other_sides import OtherSides, alike
 from jaxsim.discover.name.select import fitted_step
 from jaxsim.discover.read import Comparison
 from jaxsim.effects import get_effect, scan_of
@@ -60,13 +60,23 @@ def asked(comparison, name):
     null = NullModel.of(Division.of(comparison))
     [best] = rank_effects(null.problem, [get_effect(name)])
     step = fitted_step(null.problem, best, ranking=[best], good=[best])
-    return Exchanged.of(comparison, null), step
+    return OtherSides.exchanged(comparison, null), step
 
 
 def test_edges_that_both_sides_mix_are_nothing_that_one_lacks():
     exchanged, step = asked(sides(), "mixed_pixels")
     assert step.chosen.total > 10
     assert exchanged.has(step)
+
+
+def test_what_the_control_shows_as_well_is_not_new():
+    """Too weak to be named there, it is found in the mean of its scenes."""
+    both, new = sides(mixed=(0.0, 0.3)), sides(mixed=(0.0, 0.0))
+    null = NullModel.of(Division.of(both))
+    [best] = rank_effects(null.problem, [get_effect("mixed_pixels")])
+    step = fitted_step(null.problem, best, ranking=[best], good=[best])
+    assert OtherSides.of_control(both).has(step)
+    assert not OtherSides.of_control(new).has(step)
 
 
 def test_the_answer_is_none_and_a_note_says_what_was_found(standard_promotion):
