@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
@@ -16,7 +17,7 @@ from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.nulls import run_nulls
-from jaxsim.discover.name.other_sides import OtherSides
+from jaxsim.discover.name.other_sides import CONTROL, OtherSides
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
@@ -105,13 +106,16 @@ def name_effects(
         raised = bars.effect > RULES.bar_nats
         choice = choose(null, catalogue, bars=bars, refuse=refuse, log=log) if raised else replace(choice, bars=bars)
     passed: list[tuple[Along, str]] = []
-    decided = partial(decide, null, choice, dependences, scene=scene, without=without, leaves_nothing=leaves_nothing)
-    answer = decided(but=unasked)
+    of_null: dict[str, Any] = {"dependences": dependences, "scene": scene, "without": without}
+    decided = partial(decide, null, **of_null, leaves_nothing=leaves_nothing)
+    answer = decided(choice, but=unasked)
     # The strongest may be found elsewhere and the next one not: curves are struck off one by one.
     while answer.curve and (why := _elsewhere(others, answer.choice.problem, answer.curve)):
         passed.append(((answer.curve[0].channel, answer.curve[0].covariate), why))
         log(f"{in_words(passed[-1][0])}, not said: {why}")
-        answer = decided(but=(*unasked, *(along for along, _ in passed)))
+        # Effects that say less than what the simulator lacks by itself are part of that.
+        choice = answer.choice if why == CONTROL else choice
+        answer = decided(choice, but=(*unasked, *(along for along, _ in passed)))
     effects = [(name, why) for name, why in choice.refused.items() if why != UNFOUNDED]
     return replace(
         answer,

@@ -163,6 +163,21 @@ def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch):
     assert said.unasked == unasked.unasked == (("intensity", "range"),)
 
 
+@pytest.mark.parametrize(("why", "verdict"), [(CONTROL, "none"), (EXCHANGED, "named")])
+def test_an_effect_that_says_less_than_what_the_simulator_lacks_by_itself_is_part_of_that(monkeypatch, why, verdict):
+    whole = problem(ev=SimpleNamespace(all_blocks=None))
+    weak = Choice((step(candidate("beam_gain", 3)),), (), whole)
+    curve = (DEPENDENCE["intensity"], candidate("curve", 9))
+    monkeypatch.setattr(answer, "choose", lambda *_, **__: weak)
+    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [curve])
+    monkeypatch.setattr(answer, "describe_curve", lambda *_: Unexplained("intensity", "range", "other", ""))
+    monkeypatch.setattr(answer, "named_answer", lambda choice, **_: answer.Answer("named", choice, None))
+    others = [partial(showing, why=why, all_curves=True)]
+    said = answer.name_effects(whole, [], [], scene=np.arange(11), others=others)
+    assert said.verdict == verdict
+    assert len(said.choice.steps) == (verdict == "named")
+
+
 @pytest.mark.parametrize(("steps", "verdict"), [((), "none"), ((step(candidate("beam_gain", 8)),), "named")])
 def test_without_a_curve_that_is_not_confirmed_the_rest_stays(steps, verdict):
     curve = (DEPENDENCE["intensity"], candidate("curve", 9))
