@@ -198,13 +198,13 @@ class Rules:
     most_effects: int = 4
     """Effects that are named at most."""
     elsewhere_share: float = 0.25
-    """Share of its gain that what is found may gain with the sides exchanged too, beside a simulator with noise, or on
-    the control's frames. What is new to one side loses there; what noise or the simulator does gains alike."""
+    """Share of its gain that what is found may gain on other sides (`name.other_sides`): what is new loses there."""
+    control_level: float = 0.002
+    """Of the permutation test of scenes against the control's: each of a catalogue may differ a little by chance."""
     same_brightness_nats: float = 0.1
     """Standard deviation up to which both know how bright surfaces are; tables of reflectances are off by more."""
     contrast_nats: float = 30.0
-    """Gain from which on the sensor does not follow the simulator's contrast (`contrast`): above what nulls
-    of an ideal simulator gained on development cases, and far below what learned simulators did."""
+    """Gain from which on the sensor does not follow the simulator's contrast: above ideal simulators' nulls."""
     curves_tried: int = 3
     """Covariates of each channel along which free curves compete: those that its residuals depend on most."""
     curve_level: float = 0.005

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.special import stdtrit
 
 from jaxsim.discover.rules import RULES
@@ -106,6 +106,22 @@ def chance_of(by_chance: Float[np.ndarray, " k"], observed: float) -> float:
     """Probability of reaching `observed` by chance, from draws that do not hold what was measured: that is one more
     (Phipson & Smyth 2010)."""
     return float((1 + np.sum(by_chance >= observed - 1e-9)) / (1 + len(by_chance)))
+
+
+def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tuple[int, float]:
+    """The group of scenes (a row says which are in it) that exceeds the others most, and how often some group does when
+    excesses are dealt out to the scenes anew (`Rules.sign_draws` times)."""
+    scenes = len(excess)
+    off = clipped(excess - excess.mean())
+    # Clipping leaves a mean, which groups of more scenes would gather.
+    off = off - off.mean()
+    count = whole.sum(1)
+    # Drawn without replacement: a group of all scenes but one varies as little as that one.
+    spread = np.sqrt(count * (scenes - count) / scenes)
+    scaled = whole / spread[:, None]
+    observed = scaled @ off
+    best = int(observed.argmax())
+    return best, chance_of((off[orders_of(scenes)] @ scaled.T).max(1), observed[best])
 
 
 def p_value(gains: Float[np.ndarray, " s"]) -> float:

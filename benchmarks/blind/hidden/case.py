@@ -146,7 +146,7 @@ def make_case(
     columns: int = 384,
     simulator: str = "ideal",
     placed: Placed | None = None,
-    part: str | None = None,
+    part: str | Part | None = None,
 ) -> Key:
     """Write FOLDER/measured, FOLDER/simulated and FOLDER.key.json.
 
@@ -159,7 +159,7 @@ def make_case(
         frames: frames a scene, half a second apart.
         simulator: one of simulator.SIMULATORS: the errors that the simulated side has of its own.
         placed: where and when the sensor stood, if not where the simulator has it; streets are those of a case without.
-        part: one of part.KINDS: the effects act in a part alone, and frames have tags.
+        part: one of part.KINDS, or a part: the effects act there alone, and frames have tags.
 
     Raises:
         FileExistsError: the folder or its key is there already.
@@ -181,14 +181,14 @@ def make_case(
             raise ValueError(f"{name} is {value}; give a positive number")
     # The ideal simulator adds no word: cases from before there were others stay what they are.
     other = () if simulator == "ideal" else (simulator,)
-    other += () if part is None else (part,)
+    other += () if part is None else (part.kind if isinstance(part, Part) else part,)
     entropy = _entropy(seed, effect, severity, nuisance, scenes, frames, rows, columns, *other)
     choice = choose(effect, stream(entropy, "choice"))
     setting = make_setting(entropy, nuisance, scenes, frames, rows, columns, simulator)
     setting = replace(setting, planted=choice.effects)
     simulated = predict(setting)
     plans, key = plant(choice, severity, setting, look_at(setting, simulated))
-    where = None if part is None else draw_part(part, stream(entropy, "part"), scenes, setting.grid)
+    where = draw_part(part, stream(entropy, "part"), scenes, setting.grid) if isinstance(part, str) else part
     if where:
         plans = [confined(plan, where) for plan in plans]
     seen = replace(setting, moments=placed.moments(setting.moments)) if placed else setting

@@ -88,7 +88,7 @@ def name_effects(
     """
 
     def refuse(step: FittedStep) -> str:
-        why = next((sides.why for other in others if (sides := other()).has(step)), "")
+        why = next((sides.why for other in others if (sides := other()).has(step, null)), "")
         if not why and step.chosen.effect.name == "range_noise" and not noise_grows():
             why = UNFOUNDED
         if why:

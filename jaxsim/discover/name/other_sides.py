@@ -1,7 +1,9 @@
 """Other sides, into which what is about to be said is put as it was fitted: where it gains there too, it is not said.
 
 The control's: what the simulator lacks on its control's frames as well it lacks by itself, and be it too weak to have
-been named there.
+been named there. What is in place of the control is known no better than its scenes agree on it. So what is new must
+also tell the scenes on which it is from those of the control, by what each says of its direction: if nothing is, these
+are exchangeable (a permutation test of two samples).
 
 The sides exchanged: what both say of each other alike is noise, and nothing that one of them lacks. Where the simulator
 has noise of its own, both sides are noisy readings of the same surfaces. What noise does to a comparison (dark readings
@@ -20,11 +22,13 @@ from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from jaxsim.discover.covariates import CURVES, Dependence, fixed_basis, values_along, with_columns
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
-from jaxsim.discover.model.fit import Fit, Problem, channels_of, fit, fit_noise
+from jaxsim.discover.model.fit import Fit, Problem, channels_of, fit, fit_noise, partway
+from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import implied_level
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate
@@ -32,13 +36,13 @@ from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped
+from jaxsim.discover.scenes import clipped, dealt
 from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
 
 EXCHANGED = "with the sides exchanged it is found as well"
-CONTROL = "the control's frames show it as well"
+CONTROL = "the control's frames do not clearly differ in it"
 
 
 @dataclass(frozen=True)
@@ -68,24 +72,37 @@ class OtherSides:
         noise = fit_noise(other.problem, other.problem.ev.all_blocks)
         return cls(other, noise, alike(division, null.problem), EXCHANGED)
 
-    def gain(self, effect: Law, values: dict[str, np.ndarray], problem: Problem | None = None) -> float:
-        """Nats that a find scene gains by an effect with these values, in the mean, and none of them decides alone;
-        `problem` is the null's, whose rays may carry a basis."""
-        problem = problem or self.null.problem
+    def shows(self, law: Law, values: dict[str, np.ndarray], of: Candidate, *, there: Problem, here: Problem) -> bool:
+        """Whether a law with the values that a candidate was fitted to `there` is found here as well; both problems are
+        those of nulls, whose rays may carry a basis."""
         # The values stay as they are: only the noise is fitted to these sides.
-        placed = fit(effect, problem, problem.ev.all_blocks, starts=(values,), fixed=True)
-        used = [CHANNELS.index(name) for name in channels_of(effect) if name in self.channels]
-        by_block = (placed.score - self.fit.score)[:, used].sum(-1)
-        scene = np.asarray(problem.ev.scene)
-        return float(clipped(np.bincount(scene, by_block, problem.ev.scenes)[np.unique(scene)]).mean())
+        fitted = here.ev.all_blocks
+        placed = fit(law, here, fitted, starts=(values,), fixed=True)
+        used = [CHANNELS.index(name) for name in channels_of(law) if name in self.channels]
 
-    def has(self, step: FittedStep) -> bool:
-        """Whether an effect that was chosen is found here as well."""
+        def by_scene(score: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " s"]:
+            scene = np.asarray(here.ev.scene)
+            by_block = (score - self.fit.score)[:, used].sum(-1)
+            return np.bincount(scene, by_block, here.ev.scenes)[np.unique(scene)]
+
+        # None of the scenes decides alone.
+        gained = float(clipped(by_scene(placed.score)).mean())
+        if gained >= RULES.elsewhere_share * of.total / len(of.gain):
+            return True
+        # Of a rare event most scenes of either side say nothing, and a lattice has no direction.
+        if self.why != CONTROL or of.sudden or law.name in FINEST:
+            return False
+        begun = replace(here, noise=self.fit.noise)
+        slope = by_scene(partway(law, begun, fitted, fit=placed, share=RULES.direction_share))
+        return not clearly_more(of.slope / rays_of(there), slope / rays_of(here))
+
+    def has(self, step: FittedStep, there: Problem) -> bool:
+        """Whether an effect that was chosen of a problem is found here as well."""
         effect = step.chosen.effect
         if self.channels.isdisjoint(effect.channels):
             return False
         values = {name: np.asarray(value) for name, value in to_values(effect, step.fit.z).items()}
-        return self.gain(effect, values) >= RULES.elsewhere_share * mean_gain(step.chosen)
+        return self.shows(effect, values, step.chosen, there=there, here=self.null.problem)
 
     def has_curve(self, fitted_to: Problem, along: Dependence, curve: Candidate) -> bool:
         """Whether a free curve is found here as well."""
@@ -102,12 +119,20 @@ class OtherSides:
         effect = CURVES[along.change]
         one = np.zeros_like(fits[0])
         one[0] = 1.0
-        return self.gain(effect, {"height": one}, problem) >= RULES.elsewhere_share * mean_gain(curve)
+        return self.shows(effect, {"height": one}, curve, there=fitted_to, here=problem)
 
 
-def mean_gain(candidate: Candidate) -> float:
-    """Nats that a find scene gains by a candidate, in the mean."""
-    return candidate.total / len(candidate.gain)
+def clearly_more(there: Float[np.ndarray, " s"], here: Float[np.ndarray, " t"]) -> bool:
+    """Whether scenes `there` say more than those `here`, beyond what chance makes of such scenes dealt out anew."""
+    group = np.arange(len(there) + len(here)) < len(there)
+    _, chance = dealt(np.concatenate([there, here]), group[None])
+    return chance <= RULES.control_level
+
+
+def rays_of(problem: Problem) -> Float[np.ndarray, " s"]:
+    """Rays that each scene of a problem holds: what its scenes say grows with them."""
+    scene = np.asarray(problem.ev.scene)
+    return np.bincount(scene, np.asarray(problem.ev.rays.hit).sum((1, 2)))[np.unique(scene)].astype(float)
 
 
 def alike(division: Division, null: Problem) -> frozenset[str]:

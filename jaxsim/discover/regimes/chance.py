@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.regimes.questions import Cells, Facts, Question
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import chance_of, clipped, orders_of, signs_of
+from jaxsim.discover.scenes import chance_of, clipped, dealt, orders_of, signs_of
 from jaxsim.effects.region import Region
 
 
@@ -75,22 +75,6 @@ def flipped(contrasts: Float[np.ndarray, "k n"], variance: Float[np.ndarray, " k
     gains = np.stack([clipped(one) for one in scaled])
     by_chance = (signs_of(contrasts.shape[1]) @ gains.T).max(1)
     return best, float(np.mean(by_chance >= gains[best].sum() - 1e-9))
-
-
-def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tuple[int, float]:
-    """The region whose scenes exceed the others most, and how often some region's do when excesses are dealt out to the
-    scenes anew (`Rules.sign_draws` times)."""
-    scenes = len(excess)
-    off = clipped(excess - excess.mean())
-    # Clipping leaves a mean, which regions of more scenes would gather.
-    off = off - off.mean()
-    count = whole.sum(1)
-    # Drawn without replacement: a region of all scenes but one varies as little as that one.
-    spread = np.sqrt(count * (scenes - count) / scenes)
-    scaled = whole / spread[:, None]
-    observed = scaled @ off
-    best = int(observed.argmax())
-    return best, chance_of((off[orders_of(scenes)] @ scaled.T).max(1), observed[best])
 
 
 def false_discovery_rates(findings: list[FoundRegion]) -> list[float]:

@@ -66,7 +66,7 @@ def asked(comparison, name):
 def test_edges_that_both_sides_mix_are_nothing_that_one_lacks():
     exchanged, step = asked(sides(), "mixed_pixels")
     assert step.chosen.total > 10
-    assert exchanged.has(step)
+    assert exchanged.has(step, exchanged.null.problem)
 
 
 def test_what_the_control_shows_as_well_is_not_new():
@@ -75,8 +75,8 @@ def test_what_the_control_shows_as_well_is_not_new():
     null = NullModel.of(Division.of(both))
     [best] = rank_effects(null.problem, [get_effect("mixed_pixels")])
     step = fitted_step(null.problem, best, ranking=[best], good=[best])
-    assert OtherSides.of_control(both).has(step)
-    assert not OtherSides.of_control(new).has(step)
+    assert OtherSides.of_control(both).has(step, null.problem)
+    assert not OtherSides.of_control(new).has(step, null.problem)
 
 
 def test_the_answer_is_none_and_a_note_says_what_was_found(standard_promotion):
@@ -94,13 +94,13 @@ def test_the_answer_is_none_and_a_note_says_what_was_found(standard_promotion):
 def test_what_the_sensor_alone_mixes_is_its_own():
     exchanged, step = asked(sides(mixed=(0.0, 0.15)), "mixed_pixels")
     assert step.chosen.total > 10
-    assert not exchanged.has(step)
+    assert not exchanged.has(step, exchanged.null.problem)
 
 
 def test_rays_that_the_sensor_alone_loses_are_its_own():
     exchanged, step = asked(sides(loss=0.08), "random_dropout")
     assert step.chosen.total > 10
-    assert not exchanged.has(step)
+    assert not exchanged.has(step, exchanged.null.problem)
 
 
 @pytest.mark.parametrize(("own", "channels"), [(0.0, {"range", "drop", "intensity"}), (0.4, {"range", "drop"})])

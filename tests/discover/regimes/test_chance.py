@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from jaxsim.discover.regimes.chance import dealt, divided, existing
+from jaxsim.discover.regimes.chance import divided, existing
+from jaxsim.discover.scenes import dealt
 
 SCENES = 11
 LATER = np.array([np.arange(SCENES) >= cut for cut in range(3, SCENES - 2)])
