@@ -37,7 +37,8 @@ class Discover(Sides):
     compared with their own scans; they go to OUT/simulated and OUT/measured.
 
     The answer is one of three: effects of the catalogue (`jaxsim effects`), none, or something that it does not hold.
-    Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and figures/ to OUT.
+    Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), sides.json (which folders were compared, for
+    --control), report.html and figures/ to OUT.
     """
 
     effects: Path | None = None

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from jaxsim.discover.verdict import Interval
+from jaxsim.discover.verdict import InPlace, Interval
 from jaxsim.report.words import listed, nuisance, nuisance_title, verdict_sentence
 from tests.report import results
 
@@ -65,3 +65,10 @@ def test_what_the_simulator_gets_wrong_is_told_apart_from_what_it_lacks():
     assert told.startswith("No missing effect was found")
     assert "by 1.38 from cell to cell and by 0.200 between bright surfaces of a class: the simulator's error" in told
     assert "simulator's error" not in verdict_sentence(results.none().verdict)
+
+
+def test_what_a_control_says_that_the_simulator_lacks_stands_aside():
+    verdict = results.named().verdict
+    told = verdict_sentence(replace(verdict, control=InPlace(("range_falloff", "snr_dropout"), contrast_off=False)))
+    assert told.endswith("lacks by itself (the control): range_falloff and snr_dropout.")
+    assert verdict_sentence(replace(verdict, control=InPlace((), contrast_off=False))) == verdict_sentence(verdict)
