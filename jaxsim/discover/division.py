@@ -23,6 +23,7 @@ from jaxsim.discover.model.noise_levels import Levels, on_lattices
 from jaxsim.discover.model.null import fit_null, on_evidence
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.read import Comparison
+from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.scenes import Split, split_scenes
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
@@ -89,6 +90,8 @@ class Division:
     """Of the frames; a block's are `blocks.scene`, which are sectors where all frames are of one drive."""
     control: SensorModel = NOTHING_YET
     """What the simulator lacks by itself, before all that is known of the sensor."""
+    controlled: bool = False
+    """Whether that was asked."""
 
     @classmethod
     def of(
@@ -141,6 +144,7 @@ class Division:
             names=comparison.names,
             scenes=comparison.scenes,
             control=comparison.control.of_rays,
+            controlled=comparison.control is not NO_CONTROL,
         )
 
     def looking_at(self, chosen: Blocks) -> Division:

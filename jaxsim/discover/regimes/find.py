@@ -154,6 +154,7 @@ def find_regimes(
     channels `without`."""
     null = model.problem
     facts = facts_of(model.division)
+    controlled = model.division.controlled
     asked = questions(facts)
     choice = answer.choice
     regimes: list[Regime] = []
@@ -161,7 +162,9 @@ def find_regimes(
     for stage in (_of_named, _of_candidates):
         # What is named comes first; other candidates are asked about where nothing divides it.
         for lead in [] if regimes else _ranked(stage(null, choice, facts=facts, asked=asked)):
-            if not _promising(lead, choice, regimes):
+            # Drives that only their own readings tell apart may be those that the simulator serves ill by itself.
+            beside = lead.step is None and lead.finding.question.divides == "scene" and controlled
+            if beside or not _promising(lead, choice, regimes):
                 continue
             placed = _placed(lead, null, choice, facts=facts)
             if placed is None:

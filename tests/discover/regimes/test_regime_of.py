@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.other_sides import EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.regimes import find
 from jaxsim.discover.regimes.chance import FoundRegion
@@ -43,23 +44,21 @@ def test_scenes_are_counted_only_where_frames_say_no_moment_of_their_own(monkeyp
     assert told.counted == counted
 
 
-def test_an_answer_with_a_regime_keeps_what_was_found_and_not_said_and_asks_no_channel_that_was_left_out(monkeypatch):
-    chosen = candidate("beam_gain", 40.0)
-    choice = Choice((step(chosen),), (), problem())
-    lead = Lead(FoundRegion(SimpleNamespace(divides="time"), 0, 0.001), (chosen,), 0, named=True, q_value=0.01)
-    confined = SimpleNamespace(step=choice.steps[0], plain=chosen.effect, advantage=20.0)
+def divide(monkeypatch, lead: Lead, answer: Answer, *, controlled: bool = False, **more):
+    """The answer in which this lead is the only one, and what free curves were asked with."""
+    confined = SimpleNamespace(step=step(lead.candidates[0]), plain=lead.candidates[0].effect, advantage=20.0)
     asked = {}
 
-    def named_answer(choice, **more):
-        asked.update(more)
+    def named_answer(choice, **given):
+        asked.update(given)
         return Answer("named", choice, None)
 
     judge = SimpleNamespace(gained=lambda *given, facts: (confined, 5.0))
     for name, stub in {
         "facts_of": lambda division: SimpleNamespace(scene=np.arange(3)),
         "questions": lambda facts: [],
-        "_of_named": lambda *given, **more: [lead],
-        "_of_candidates": lambda *given, **more: [],
+        "_of_named": lambda *given, **more: [lead] if lead.named else [],
+        "_of_candidates": lambda *given, **more: [] if lead.named else [lead],
         "_placed": lambda *given, **more: Placed(confined, *[Interval(1.0, 0.9, 1.1, OF_FIT)] * 2),
         "_with": lambda null, choice, *given, **more: choice,
         "regime_of": lambda *given, **more: regime(Region(time_s=(2.5, None))),
@@ -68,9 +67,30 @@ def test_an_answer_with_a_regime_keeps_what_was_found_and_not_said_and_asks_no_c
         "named_answer": named_answer,
     }.items():
         monkeypatch.setattr(find, name, stub)
-    given = Answer("named", choice, None, mutual=("fog_backscatter",), unfounded=("range_noise",))
-    model = SimpleNamespace(problem=None, division=None)
-    divided = inspect.unwrap(find_regimes)(model, given, without=("intensity",))
+    model = SimpleNamespace(problem=None, division=SimpleNamespace(controlled=controlled))
+    return inspect.unwrap(find_regimes)(model, answer, **more), asked
+
+
+def lead_of(divides: str, **more) -> Lead:
+    found = FoundRegion(SimpleNamespace(divides=divides), 0, 0.001)
+    return Lead(found, (candidate("beam_gain", 40.0),), q_value=0.01, **more)
+
+
+def test_an_answer_with_a_regime_keeps_what_was_found_and_not_said_and_asks_no_channel_that_was_left_out(monkeypatch):
+    choice = Choice((step(candidate("beam_gain", 40.0)),), (), problem())
+    elsewhere = (("fog_backscatter", EXCHANGED),)
+    given = Answer("named", choice, None, elsewhere=elsewhere, unfounded=("range_noise",))
+    divided, asked = divide(monkeypatch, lead_of("time", step=0, named=True), given, without=("intensity",))
     assert len(divided.regimes) == 1
-    assert (divided.answer.mutual, divided.answer.unfounded) == (("fog_backscatter",), ("range_noise",))
+    assert (divided.answer.elsewhere, divided.answer.unfounded) == (elsewhere, ("range_noise",))
     assert asked["without"] == ("intensity",)
+
+
+@pytest.mark.parametrize(
+    ("divides", "controlled", "regimes"), [("scene", True, 0), ("scene", False, 1), ("time", True, 1)]
+)
+def test_beside_a_control_drives_that_only_readings_tell_apart_name_nothing(monkeypatch, divides, controlled, regimes):
+    """A simulator may serve some drives ill by itself."""
+    none = Answer("none", Choice((), (), problem()), None)
+    divided, _ = divide(monkeypatch, lead_of(divides, step=None), none, controlled=controlled)
+    assert len(divided.regimes) == regimes
