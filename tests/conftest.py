@@ -22,7 +22,7 @@ os.environ["XLA_FLAGS"] = with_flags(os.environ.get("XLA_FLAGS", ""), f"{DEVICES
 # Both workers, programs that tests start, and whatever comes after `few_programs` compile many of the same programs:
 # each is kept here once, from run to run too.
 os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(__file__).parents[1] / ".cache" / "tests")
-os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 from jaxtyping import install_import_hook
 
