@@ -3,8 +3,11 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: demo test test-long test-slow check docs dist install
+.PHONY: demo test test-long test-both test-slow check docs dist install
 .DEFAULT_GOAL := demo
+
+# What is imported is compiled once, also where the environment says otherwise.
+unexport PYTHONDONTWRITEBYTECODE
 
 install: $(INSTALLED)
 
@@ -25,7 +28,8 @@ demo: $(INSTALLED)
 	@echo "  runs/demo/simulated/previews/*.png simulated intensity and clouds"
 	@echo "  runs/demo/simulated/clouds/        KITTI .bin, .pcd, .ply   (polar frames: simulated/polar/)"
 
-# Each test is in one of the first two, or slow; test-slow runs all.
+# Each test is in one of the first two, or slow; test-slow runs all. test-both is the first two in one, which imports
+# once, and once renders and compiles what short and long tests of a file share.
 TESTS := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 test: $(INSTALLED)
@@ -33,6 +37,9 @@ test: $(INSTALLED)
 
 test-long: $(INSTALLED)
 	$(TESTS) -m "long and not slow"
+
+test-both: $(INSTALLED)
+	$(TESTS) -m "not slow"
 
 test-slow: $(INSTALLED)
 	$(TESTS)

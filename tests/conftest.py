@@ -1,20 +1,28 @@
 """Shapes and types of every public signature are checked at run time, here and only here."""
 
 import ctypes
+import gc
 import os
 import signal
+import sys
 from pathlib import Path
 
 from tests.programs import DEVICES, QUICK, with_flags
 
 # A shell starts what runs in its background deaf to Ctrl-C, and so would be every program that a test interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+# Rewritten tests, checked modules and libraries installed without bytecode would be compiled anew by both workers and
+# by every program that a test starts.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# Tracing makes many objects that live for some thousands of others: at Python's 700 nearly all grow old.
+gc.set_threshold(20_000, 10, 10)
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ["XLA_FLAGS"] = with_flags(os.environ.get("XLA_FLAGS", ""), f"{DEVICES}=2", *QUICK)
 # Both workers, programs that tests start, and whatever comes after `few_programs` compile many of the same programs:
 # each is kept here once, from run to run too.
 os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(__file__).parents[1] / ".cache" / "tests")
-os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 from jaxtyping import install_import_hook
 

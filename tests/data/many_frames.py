@@ -3,7 +3,6 @@
 Prints how many were read, their mean range in metres, and the most memory that it took, in MB.
 """
 
-import resource
 import sys
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from jaxsim.data.polar_frames import open_polar_frames, write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
+from tests.programs import peak_mb
 
 
 def main(folder: Path, count: int, rows: int = 32, columns: int = 128, seed: int = 0) -> None:
@@ -25,7 +25,7 @@ def main(folder: Path, count: int, rows: int = 32, columns: int = 128, seed: int
         write_frame(folder, f"{k:06d}", PolarImage(range_m.astype("f4"), intensity.astype("f4"), valid))
     frames = open_polar_frames(folder)
     total = sum(float(frames.read(name)[0].range_m.mean()) for name in frames.names)
-    print(len(frames.names), total / count, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+    print(len(frames.names), total / count, peak_mb())
 
 
 if __name__ == "__main__":

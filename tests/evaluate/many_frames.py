@@ -4,15 +4,14 @@ Prints how many frames they hold, how many scores came out, and the most memory 
 `intensities` in place of COMPARED its last pass alone, which tells intensities by class, range and incidence.
 """
 
-import resource
 import sys
 from pathlib import Path
 
 from jaxsim.evaluate.generation import _tables, generation_scores, open_folder
+from tests.programs import peak_mb
 
 if __name__ == "__main__":
     folders = [open_folder(Path(word)) for word in sys.argv[1:3]]
     alone = sys.argv[3] == "intensities"
     scores = _tables(*folders)[:2] if alone else generation_scores(*folders, compared=int(sys.argv[3]))
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    print(*(len(folder.names) for folder in folders), len(scores), peak_mb)
+    print(*(len(folder.names) for folder in folders), len(scores), peak_mb())

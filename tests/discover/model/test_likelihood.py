@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -36,29 +37,21 @@ def test_no_return_and_all_ranges_together_have_probability_one(evidence, change
     # Weights of 0: no pose is fitted to the ranges that are swept here.
     w = w.replace(range_=w.range_ * 0)
     at = np.concatenate([np.arange(0.05, 40, 0.1), np.arange(40, 400, 2.0)])
-    mass = np.zeros(evidence.edge.shape)
-    step = np.gradient(at)
-    for r, width in zip(at, step, strict=True):
-        one = replace(
-            evidence, range_m=jnp.full(evidence.edge.shape, r, jnp.float32), returned=evidence.returned | True
-        )
-        lost, seen, _ = _terms(rays, one, w)
-        mass += np.exp(np.asarray(seen, np.float64)) * width
-    total = mass + np.exp(np.asarray(lost, np.float64))
+    lost, density = _swept(rays, replace(evidence, returned=evidence.returned | True), w, at.astype(np.float32))
+    total = np.tensordot(np.gradient(at), np.asarray(density, float), 1) + np.exp(np.asarray(lost, float))
     plain = np.asarray(evidence.rays.hit & ~evidence.edge)
     assert np.quantile(np.abs(total[plain] - 1), 0.95) < 0.03
 
 
-def _terms(rays, ev, w):
-    global _compiled
-    import jax
+@jax.jit
+def _swept(rays, ev, w, at):
+    """ln P of no return, and the density at each of these ranges, of all rays."""
 
-    if _compiled is None:
-        _compiled = jax.jit(lambda rays, ev, w: return_terms(rays, ev, BROAD, equations=w, clutter=True))
-    return _compiled(rays, ev, w)
+    def terms(r):
+        one = replace(ev, range_m=jnp.full(ev.edge.shape, r))
+        return return_terms(rays, one, BROAD, equations=w, clutter=True)
 
-
-_compiled = None
+    return terms(at[0])[0], jax.lax.map(lambda r: jnp.exp(terms(r)[1]), at)
 
 
 def test_the_right_gain_is_more_likely_than_a_wrong_one_and_a_constant_gain_is_free(evidence):
