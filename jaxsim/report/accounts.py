@@ -13,15 +13,7 @@ from markupsafe import Markup
 from jaxsim.discover.covariates import NAMED
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.show.pictures import MAP_COLUMNS
-from jaxsim.discover.verdict import (
-    ClosedLaw,
-    JudgeFrame,
-    OwnCandidate,
-    Registered,
-    Result,
-    Sensitivity,
-    Verdict,
-)
+from jaxsim.discover.verdict import ClosedLaw, JudgeFrame, OwnCandidate, Registered, Result, Sensitivity, Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import Origin
@@ -203,12 +195,7 @@ def _candidate(one: OwnCandidate) -> Markup:
     if not one.look_alikes:
         return join_parts([*parts, paragraph("Nothing of the catalogue looks like it on these frames.")])
     rows = [
-        [
-            code(other.name),
-            bar_cell(other.share, RULES.alike_share, strong=False),
-            percent(other.share),
-            other.apart,
-        ]
+        [code(other.name), bar_cell(other.share, RULES.alike_share, strong=False), percent(other.share), other.apart]
         for other in one.look_alikes
     ]
     heads = ["look-alike", "of its expectation reproduced, and the bar", "share", "what tells them apart"]

@@ -277,9 +277,7 @@ SOURCES: dict[str, Source] = {
         "Velodyne: .pcap", lambda p: p.suffix == ".pcap" and not _is_ouster(p), velodyne_items, "velodyne"
     ),
     "nuscenes": Source(
-        "nuScenes: LIDAR_TOP/*.pcd.bin",
-        lambda p: p.name.endswith(".pcd.bin") or _below(p, "*.pcd.bin"),
-        nuscenes_items,
+        "nuScenes: LIDAR_TOP/*.pcd.bin", lambda p: p.name.endswith(".pcd.bin") or _below(p, "*.pcd.bin"), nuscenes_items
     ),
     "argoverse2": Source(
         "Argoverse 2: sensors/lidar/*.feather",

@@ -185,5 +185,5 @@ def _takes(path: Path) -> bool:
 
 
 SOURCES: dict[str, Source] = {
-    "range_images": Source("range images: NAME.npz of x y z intensity range label", _takes, range_image_items),
+    "range_images": Source("range images: NAME.npz of x y z intensity range label", _takes, range_image_items)
 }
