@@ -5,7 +5,6 @@ Every reader stops with a ValueError that names the file, what is wrong with it 
 
 from __future__ import annotations
 
-from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -185,14 +184,6 @@ def read_tracking_labels(path: Path) -> dict[int, Boxes]:
         kind = "Person_sitting" if row[1] == "Person" else row[1]
         frames.setdefault(int(number), []).append((line, [kind, *row[2:]]))
     return {number: _boxes(path, rows) for number, rows in frames.items()}
-
-
-def read_list(path: Path) -> list[str]:
-    """Frames of a list such as `ImageSets/val.txt`, one a line. Raises ValueError for a frame that is named twice."""
-    names = read_text(path, by="kitti").split()
-    if twice := [name for name, times in Counter(names).items() if times > 1]:
-        raise ValueError(f"kitti: {path} names {twice[0]} more than once; name each frame once")
-    return names
 
 
 def scan_time(path: Path, number: int) -> float | None:

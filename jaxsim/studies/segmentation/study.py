@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from jaxsim.config import QUANTILES, SegmentationConfig
 from jaxsim.data.logs.range_images import RangeImage, class_names, read_range_images
-from jaxsim.files import read_arrays, read_entry, replacing, write_arrays
+from jaxsim.files import read_arrays, read_entry, write_arrays, write_text
 from jaxsim.report.results import markdown_table, number_or_none
 from jaxsim.simulate.grain_fit import fit_intensity
 from jaxsim.studies.segmentation.networks import (
@@ -145,8 +145,7 @@ class Study:
         judged = self.to_judge(part)
         told = classify(network, [of_segmentation(image, image.intensity * (kind != "none")) for image in judged])
         confusions = sum(confusion(image.label, guess, self.classes) for image, guess in zip(judged, told, strict=True))
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps({"confusion": np.asarray(confusions).tolist()}))
+        write_text(path, json.dumps({"confusion": np.asarray(confusions).tolist()}))
 
     def iou(self, kind: str) -> Float[np.ndarray, "seeds known"]:
         """IoU of each class over all parts; NaN where a class has no cell. Class 0 is left out."""
