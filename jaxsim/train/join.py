@@ -36,7 +36,7 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
     frames = shared_frames(folders, by="join")
     for folder, run in zip(folders, runs, strict=True):
         if any(getattr(run, name) != getattr(runs[0], name) for name in ("spec", "intrinsics", "cam_from_velo")):
-            raise ValueError(f"join: {folder} has another sensor than {folders[0]}, or another camera; join runs of one set")
+            raise ValueError(f"join: {folder} has another sensor or camera than {folders[0]}; join runs of one set")
     checkpoints = [Checkpoints(folder) for folder in folders]
     steps = {str(folder): saved.latest for folder, saved in zip(folders, checkpoints, strict=True)}
     if len(set(steps.values())) > 1:
