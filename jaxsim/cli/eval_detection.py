@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxsim.cli.source import DataSource
+from jaxsim.cli.flags import DataSource
 from jaxsim.evaluate.detector import mean_curves
 from jaxsim.evaluate.runs import mean_words, score_checkpoints
 from jaxsim.files import check_apart

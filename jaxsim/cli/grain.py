@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from jaxsim.cli.source import SAME, DataSource
+from jaxsim.cli.flags import SAME, DataSource
 from jaxsim.config.ranges import Checked
 from jaxsim.data import open_dataset
 from jaxsim.data.select import frames_to_judge
