@@ -102,10 +102,10 @@ COMMANDS = {
 }
 MODES = {
     "effects new": Command(
-        "own_effects:NewEffect", "a file of an effect of one's own to begin with", "jaxsim effects new rain_on_lens"
+        "effects:NewEffect", "a file of an effect of one's own to begin with", "jaxsim effects new rain_on_lens"
     ),
     "effects check": Command(
-        "own_effects:CheckEffect", "what is wrong with such a file, what it looks like", "jaxsim effects check my.py"
+        "effects:CheckEffect", "what is wrong with such a file, what it looks like", "jaxsim effects check my.py"
     ),
     "eval generation": Command(
         "eval_generation:Generation",

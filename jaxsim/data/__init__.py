@@ -9,7 +9,7 @@ A row of DATASETS a kind. Readers, with the files of their formats beside them:
 
     kitti, kitti_odometry, kitti_together, kitti_files   KITTI's raw drives, its benchmarks, all as one
     kitti_step, cityscapes                    panoptic labels, and the classes that all frames carry
-    semantic_kitti, point_classes             labels of points, and as rasters of the camera
+    point_labels                              labels of points, and as rasters of the camera
     kitti_depth                               depth completion
     vkitti2, vkitti2_files, carla             renderers
     synthetic                                 the embedded world

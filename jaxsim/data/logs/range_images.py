@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
-from jaxsim.data.semantic_kitti import LEARNING_CLASSES
+from jaxsim.data.point_labels import LEARNING_CLASSES
 from jaxsim.files import array_names, files_in, parse_json, read_arrays, read_text
 from jaxsim.geometry.points import FAR_M
 
