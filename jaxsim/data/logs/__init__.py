@@ -20,7 +20,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from jaxsim.data.logs import files, makers, messages, range_images
-from jaxsim.data.logs.folder import Written, write_log
+from jaxsim.data.logs.folder import write_log
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
 from jaxsim.files import loaded
 
@@ -30,7 +30,6 @@ __all__ = [
     "LogOptions",
     "LogScan",
     "Source",
-    "Written",
     "known_sources",
     "source_for",
     "source_table",
