@@ -32,6 +32,7 @@ from jaxsim.data.kitti import KittiObject, KittiRaw
 from jaxsim.data.kitti_odometry import KittiOdometry
 from jaxsim.data.kitti_step import KittiStep
 from jaxsim.data.kitti_together import KittiTogether
+from jaxsim.data.polar_views import PolarViews
 from jaxsim.data.select import select
 from jaxsim.data.sweeps import Sweep, read_lidar_top, read_pcap
 from jaxsim.frame import Frame
@@ -93,12 +94,6 @@ def _vkitti2(config: DataConfig) -> Dataset:
     )
 
 
-def _polar(config: DataConfig) -> Dataset:
-    from jaxsim.data.polar_views import PolarViews
-
-    return PolarViews(_root(config))
-
-
 def _prepared(config: DataConfig) -> Dataset:
     from jaxsim.data.prepared_set import PreparedSet
 
@@ -116,7 +111,7 @@ DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
     "kitti_odometry": lambda config: KittiOdometry(_root(config), sequences=config.scenes, rows=config.rows),
     "kitti": lambda config: KittiTogether(_root(config), rows=config.rows),
     "vkitti2": _vkitti2,
-    "polar": _polar,
+    "polar": lambda config: PolarViews(_root(config)),
     "prepared": _prepared,
 }
 
