@@ -159,16 +159,12 @@ def test_a_cut_checkpoint_names_what_is_missing():
         CONVERTERS["pix2pixhd_imaginaire"].convert(arrays)
 
 
-@pytest.fixture
-def experiment() -> Experiment:
-    return Experiment(generator=GENERATORS[1], discriminator=DiscriminatorConfig(scales=2, filters=4))
-
-
 def untrained(experiment: Experiment) -> TrainState:
     return jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), state_shapes(experiment, CHANNELS))
 
 
-def test_training_starts_from_a_converted_checkpoint(tmp_path, experiment):
+def test_training_starts_from_a_converted_checkpoint(tmp_path):
+    experiment = Experiment(generator=GENERATORS[1], discriminator=DiscriminatorConfig(scales=2, filters=4))
     arrays = imaginaire_checkpoint(experiment.generator, experiment.discriminator)
     np.savez(tmp_path / "published.npz", **arrays)
     file = tmp_path / "start.npz"
