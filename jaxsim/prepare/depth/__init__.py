@@ -58,7 +58,7 @@ def complete_depth(
 ) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Planar depth in metres for the pixels that the points' surroundings tell, and where that is.
 
-    `ip_basic_fast` came nearest to KITTI's measured ranges (docs/benchmarks.md); sensors of
+    `ip_basic_fast` without extrapolation came nearest to KITTI's measured ranges (docs/benchmarks.md); sensors of
     fewer lines leave gaps that only `ip_basic` closes.
 
     Raises ValueError when no pixel has depth or the method is unknown.

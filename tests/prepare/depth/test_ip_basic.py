@@ -5,14 +5,22 @@ import pytest
 
 from jaxsim.prepare.depth import METHODS, complete_depth, fill_in_fast, fill_in_multiscale
 
+VARIANTS = [
+    (name, extrapolate, blur)
+    for name in ("fast", "multiscale")
+    for extrapolate in (False, True)
+    for blur in ("bilateral", "gaussian")
+]
 
-@pytest.mark.parametrize(("name", "fill"), [("fast", fill_in_fast), ("multiscale", fill_in_multiscale)])
-def test_equals_the_published_program(golden, sparse, name, fill):
-    depth, valid = fill(*sparse)
+
+@pytest.mark.parametrize(("name", "extrapolate", "blur"), VARIANTS)
+def test_equals_the_published_program(golden, sparse, name, extrapolate, blur):
+    fill = {"fast": fill_in_fast, "multiscale": fill_in_multiscale}[name]
+    depth, valid = fill(*sparse, extrapolate=extrapolate, blur=blur)
     values = np.load(golden / "ip_basic/samples_000000.npz")
-    key = f"{name}_noextrap_bilateral"
+    key = f"{name}_{'extrap' if extrapolate else 'noextrap'}_{blur}"
     expected = values[key]
-    tolerance = 2e-3
+    tolerance = 1e-4 if blur == "gaussian" else 2e-3
     np.testing.assert_allclose(depth.ravel()[values["pixels_flat"]], expected, atol=tolerance, rtol=0)
     count, total, largest, smallest = values[f"{key}_stats"]
     assert valid.sum() == count
@@ -40,11 +48,13 @@ def test_values_outside_the_mask_are_never_read():
     np.testing.assert_allclose(dense[known], 12.5, rtol=1e-5)
 
 
-def test_the_sky_stays_empty():
+def test_without_extrapolation_the_sky_stays_empty():
     depth = np.zeros((60, 60), np.float32)
     depth[40:, ::4] = 20.0
     _, open_sky = complete_depth(depth, depth > 0)
+    _, extended = fill_in_fast(depth, depth > 0, extrapolate=True)
     assert not open_sky[:20].any()
+    assert extended.all()
 
 
 def test_wide_gaps_between_lines_are_closed_by_the_multi_scale_form_alone():
