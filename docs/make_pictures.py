@@ -12,7 +12,7 @@ from jaxsim.data import open_dataset
 from jaxsim.data.logs.range_images import read_range_images
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.detect.batches import inside
-from jaxsim.detect.scenes import scene_of
+from jaxsim.detect.scenes import scene_of_frame
 from jaxsim.evaluate.detector import load_detector, make_find
 from jaxsim.files import read_arrays
 from jaxsim.frame import Cloud
@@ -86,7 +86,7 @@ def detections() -> None:
     detector = load_detector(Path("runs/real2sim2real/detectors/seed0/real"))
     experiment, world = detector.experiment, open_dataset(detector.experiment.data)
     frame = world[2008]  # of those that validate: ten cars
-    scene = scene_of(frame, experiment.detector.anchors.kind, in_image=experiment.in_image)
+    scene = scene_of_frame(frame, experiment.detector.anchors.kind, in_image=experiment.in_image)
     found, _ = make_find(experiment)(detector.network, scene.points)
     # What lies beyond the range was neither looked for nor scored.
     labelled = scene.boxes[scene.target & inside(scene.boxes, experiment.voxels)]

@@ -248,10 +248,6 @@ def _broadcast(op: Operation) -> str:
     return op.graph.add("Expand", spread, np.array(op.shape, np.int64))
 
 
-def _transpose(op: Operation) -> str:
-    return op.graph.add("Transpose", op.given[0], perm=[int(axis) for axis in op.parameters["permutation"]])
-
-
 def _concatenate(op: Operation) -> str:
     some = [value for value, size in zip(op.given, op.shapes, strict=True) if 0 not in size]
     return op.graph.add("Concat", *some, axis=int(op.parameters["dimension"]))
@@ -344,16 +340,13 @@ def _cast(op: Operation) -> str:
     return op.graph.add("Cast", op.given[0], to=kind)
 
 
-def _choose(op: Operation) -> str:
-    where, no, yes = op.given
-    return op.graph.add("Where", where, yes, no)
-
-
 TRANSLATED: dict[str, Callable[[Operation], str]] = {
     "reshape": _reshape, "squeeze": _reshape, "expand_dims": _reshape, "broadcast_in_dim": _broadcast,
-    "transpose": _transpose, "concatenate": _concatenate, "stack": _stack, "slice": _slice, "rev": _reverse,
+    "concatenate": _concatenate, "stack": _stack, "slice": _slice, "rev": _reverse,
     "pad": _pad, "gather": _gather, "dot_general": _product, "conv_general_dilated": _convolve,
-    "convert_element_type": _cast, "select_n": _choose,
+    "convert_element_type": _cast,
+    "transpose": lambda op: op.graph.add("Transpose", op.given[0], perm=[int(k) for k in op.parameters["permutation"]]),
+    "select_n": lambda op: op.graph.add("Where", op.given[0], op.given[2], op.given[1]),  # it gives what is false first
     "integer_pow": lambda op: op.graph.add("Pow", op.given[0], np.asarray(op.parameters["y"], np.float32)),
     "rsqrt": lambda op: op.graph.add("Reciprocal", op.graph.add("Sqrt", op.given[0])),
     "square": lambda op: op.graph.add("Mul", op.given[0], op.given[0]),

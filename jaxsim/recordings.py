@@ -35,28 +35,23 @@ class Stamped(NamedTuple):
     """Records, as `export.table_of` gives."""
 
 
-def write_mcap(path: Path, clouds: Iterable[Stamped]) -> int:
-    """Writes clouds to one MCAP, whole or not at all; how many they were."""
+def write_mcap(path: Path, clouds: Iterable[Stamped]) -> None:
+    """Writes clouds to one MCAP, whole or not at all."""
     typesys = need("rosbags.typesys", "ros", by="mcap")
     writer_of = need("mcap.writer", "ros", by="mcap").Writer
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     definition, _ = store.generate_msgdef(_KIND, ros_version=2)
-    count = 0
     with replacing(path) as temporary, temporary.open("wb") as file:
         writer = writer_of(file)
         writer.start(profile="ros2", library="jaxsim")
         # The message's definition stands in the file: readers need no ROS to know it.
         schema = writer.register_schema(name=_KIND, encoding="ros2msg", data=definition.encode())
         channel = writer.register_channel(topic="/points", message_encoding="cdr", schema_id=schema)
-        for stamped in clouds:
+        for k, stamped in enumerate(clouds):
             nanoseconds = round(stamped.time_s * 1e9)
             data = store.serialize_cdr(_message(store.types, stamped.table, nanoseconds), _KIND)
-            writer.add_message(
-                channel, log_time=nanoseconds, data=bytes(data), publish_time=nanoseconds, sequence=count
-            )
-            count += 1
+            writer.add_message(channel, log_time=nanoseconds, data=bytes(data), publish_time=nanoseconds, sequence=k)
         writer.finish()
-    return count
 
 
 def _message(types: Any, table: np.ndarray, nanoseconds: int) -> Any:
@@ -88,8 +83,8 @@ def _message(types: Any, table: np.ndarray, nanoseconds: int) -> Any:
     )
 
 
-def write_osi(path: Path, clouds: Iterable[Stamped]) -> int:
-    """Writes clouds to one trace (.osi: each message after its length), whole or not at all; how many they were.
+def write_osi(path: Path, clouds: Iterable[Stamped]) -> None:
+    """Writes clouds to one trace (.osi: each message after its length), whole or not at all.
 
     Positions are spherical, in the sensor's frame; intensity is in per cent, as the standard has it. Raises ValueError
     for a name that does not say SensorData, by which alone readers know the messages of an .osi.
@@ -100,21 +95,19 @@ def write_osi(path: Path, clouds: Iterable[Stamped]) -> int:
     version = need("osi3.osi_version_pb2", "osi", by="osi")
     # The installed interface's own version, which its descriptor tells.
     current = version.DESCRIPTOR.GetOptions().Extensions[version.current_interface_version]
-    count = 0
     with replacing(path) as temporary, temporary.open("wb") as file:
         for stamped in clouds:
             message = message_of()
             message.version.CopyFrom(current)
             message.sensor_id.value = 0
-            _stamp(message.timestamp, stamped.time_s)
+            moment = message.timestamp
+            moment.seconds, moment.nanos = divmod(round(stamped.time_s * 1e9), 10**9)
             sensor = message.feature_data.lidar_sensor.add()
-            sensor.header.measurement_time.CopyFrom(message.timestamp)
+            sensor.header.measurement_time.CopyFrom(moment)
             sensor.header.number_of_valid_detections = len(stamped.table)
             _detections(sensor.detection, stamped.table)
             data = message.SerializeToString()
             file.write(struct.pack("<I", len(data)) + data)
-            count += 1
-    return count
 
 
 def _detections(detections: Any, table: np.ndarray) -> None:
@@ -135,19 +128,13 @@ def _detections(detections: Any, table: np.ndarray) -> None:
             one.beam_id.value = rings[k]
 
 
-def _stamp(timestamp: Any, time_s: float) -> None:
-    seconds, rest = divmod(round(time_s * 1e9), 10**9)
-    timestamp.seconds, timestamp.nanos = int(seconds), int(rest)
-
-
-def write_rrd(path: Path, clouds: Iterable[Stamped]) -> int:
-    """Writes clouds to one recording of Rerun, whole or not at all; how many they were.
+def write_rrd(path: Path, clouds: Iterable[Stamped]) -> None:
+    """Writes clouds to one recording of Rerun, whole or not at all.
 
     Points are grey by the root of their intensity, on the timeline `scan`; intensity, ring and time a point are values
     beside them. Nothing is sent to a viewer: `rerun FILE.rrd` shows the file.
     """
     rerun = need("rerun", "rerun", by="rrd")
-    count = 0
     with replacing(path) as temporary:
         recording = rerun.RecordingStream("jaxsim")
         try:
@@ -161,10 +148,8 @@ def write_rrd(path: Path, clouds: Iterable[Stamped]) -> int:
                 recording.log("lidar", rerun.Points3D(xyz_m, colors=np.repeat(grey[:, None], 3, axis=1)))
                 rest = {name: np.asarray(table[name]) for name in table.dtype.names or () if name not in "xyz"}
                 recording.log("lidar", rerun.AnyValues(**rest))
-                count += 1
         finally:
             recording.disconnect()
-    return count
 
 
 WHOLE_FILE = {"mcap": write_mcap, "osi": write_osi, "rrd": write_rrd}
@@ -188,7 +173,8 @@ def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int
         )
     bar = Progress(names, unit="cloud", desc="writing")
     if to in WHOLE_FILE:
-        return WHOLE_FILE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
+        WHOLE_FILE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
+        return len(names)
     if to == "npz":
         check_apart(out, folder, by="frames")
     # Those that are there, too: nothing tells of what frames they are.

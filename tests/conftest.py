@@ -71,7 +71,7 @@ DEAREST = (
     *("train/test_intensity.py", "benchmarks/test_blind.py", "discover/name/test_other_sides.py"),
     *("discover/test_workflow.py", "train/test_depth.py", "cli/test_endings.py", "test_devices.py"),
     *("discover/show/test_every_frame.py", "pix2pix/test_golden_training.py", "discover/regimes/test_find.py"),
-    *("cli/test_prepare.py", "discover/test_show.py", "discover/test_look_alikes.py", "cli/test_own_effects.py"),
+    *("cli/test_prepare.py", "discover/test_show.py", "discover/test_look_alikes.py", "cli/test_effects.py"),
 )
 """Files of half a minute and more. They begin first (`make test` and `make test-long` keep this order), so that no
 worker waits at the end for another that has just begun with one."""

@@ -17,11 +17,11 @@ def test_an_mcap_is_read_by_the_formats_own_libraries(tmp_path):
     pytest.importorskip("rosbags", reason="rosbags is not installed")
     c, time_s = lined()
     table = table_of(c, time_s)
-    count = write_mcap(tmp_path / "a.mcap", [Stamped(5.25, table), Stamped(5.35, table[:7])])
-    assert count == 2
+    write_mcap(tmp_path / "a.mcap", [Stamped(5.25, table), Stamped(5.35, table[:7])])
     with (tmp_path / "a.mcap").open("rb") as file:
         read = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
         messages = [message for _, _, _, message in read.iter_decoded_messages(topics=["/points"])]
+    assert len(messages) == 2
     first = messages[0]
     assert (first.header.frame_id, first.header.stamp.sec, first.header.stamp.nanosec) == ("lidar", 5, 250_000_000)
     assert [f.name for f in first.fields] == ["x", "y", "z", "intensity", "ring", "time"]
@@ -33,7 +33,7 @@ def test_a_recording_of_reruns_is_read_by_rerun(tmp_path):
     reader = pytest.importorskip("rerun.chunk", reason="rerun-sdk is not installed")
     c, time_s = lined()
     table = table_of(c, time_s)
-    assert write_rrd(tmp_path / "a.rrd", [Stamped(5.25, table), Stamped(5.35, table[:7])]) == 2
+    write_rrd(tmp_path / "a.rrd", [Stamped(5.25, table), Stamped(5.35, table[:7])])
     chunks = [c for c in reader.RrdReader(str(tmp_path / "a.rrd")).store().stream() if c.entity_path == "/lidar"]
     columns = {}
     for batch in (chunk.to_record_batch() for chunk in chunks):

@@ -1,10 +1,9 @@
 """`jaxsim COMMAND`: the commands of the console script.
 
 A command is a row of COMMANDS (or of MODES) and a module of this package. Only the module of the command that is asked
-for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `table` (the rows),
-`commands` (how a row becomes a running command), `console` (what all tell), `flags` and `source` (what several share),
-`spellings` (earlier names), `elsewhere` (a command on a cluster), `endings` (how failures are told), and of discover
-`sides` and `gates`.
+for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `commands` (the
+rows, and how one becomes a running command), `console` (what all tell), `flags` (what several share), `elsewhere` (a
+command on a cluster), `endings` (how failures are told), and of discover `sides` and `gates`.
 """
 
 from __future__ import annotations
@@ -12,10 +11,9 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version
 
-from jaxsim.cli.commands import call, find_command, overview
+from jaxsim.cli.commands import COMMANDS, MODES, call, find_command, overview
 from jaxsim.cli.console import tell_on_console, without_quiet
 from jaxsim.cli.endings import stop_on_error
-from jaxsim.cli.table import COMMANDS, MODES
 
 __all__ = ["COMMANDS", "MODES", "main", "stop_on_error"]
 
@@ -26,7 +24,7 @@ def main(argv: list[str] | None = None) -> None:
     with stop_on_error():
         tell_on_console()
         if not words or words[0] in ("-h", "--help"):
-            print(overview(COMMANDS))
+            print(overview())
         elif words[0] == "--version":
             print(f"jaxsim {version('jaxsim-lidar')}")
         else:
@@ -34,4 +32,4 @@ def main(argv: list[str] | None = None) -> None:
             if mode in MODES:
                 call(MODES[mode], words[2:], name=f"jaxsim {mode}")
             else:
-                call(find_command(words[0], COMMANDS), words[1:], name=f"jaxsim {words[0]}")
+                call(find_command(words[0]), words[1:], name=f"jaxsim {words[0]}")

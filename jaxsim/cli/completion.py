@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from jaxsim.cli.table import COMMANDS, MODES
+from jaxsim.cli.commands import COMMANDS, MODES
 
 SCRIPT = """\
 _jaxsim() {{

@@ -10,7 +10,7 @@ import tyro
 
 from jaxsim.detect import published as voxel_rcnn
 from jaxsim.metrics import inception, rangenet
-from jaxsim.pix2pix import published_files
+from jaxsim.pix2pix import published
 from jaxsim.pix2pix.losses import VGG19
 from jaxsim.portable import export_network
 from jaxsim.prepare.denoise import lidia
@@ -20,7 +20,7 @@ from jaxsim.weights import Converter, convert
 
 CONVERTERS: dict[str, Converter] = {
     "vgg19": VGG19,
-    **published_files.CONVERTERS,
+    **published.CONVERTERS,
     **inception.CONVERTERS,
     "rangenet53": rangenet.CONVERTER,
     "lidia": lidia.CONVERTER,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,6 @@ class OnWorkers:
         """What does a piece of the work, with the learned sensor of a run."""
         raise NotImplementedError
 
-    def open(self, base: Path) -> Callable[[Any], Any]:
-        """The same on a worker; `base` is the folder of who gave the command."""
-        return self.maker(partial(load_below, base=base))
-
 
 @dataclass(frozen=True)
 class Elsewhere:
@@ -37,7 +32,12 @@ class Elsewhere:
 
     def open(self) -> Callable[[Any], Any]:
         """What does a piece of the work."""
-        return self.command.open(self.base)
+        return self.command.maker(self.load)
+
+    def load(self, run: Path) -> LearnedSensor:
+        """The learned sensor of a run whose relative paths begin at `base`."""
+        learned = load(run)
+        return LearnedSensor(with_absolute_paths(learned.run, self.base), learned.params)
 
 
 def on_cluster(command: OnWorkers, *, by: str) -> Callable[[Sequence[Any]], Iterator[Any]] | None:
@@ -46,9 +46,3 @@ def on_cluster(command: OnWorkers, *, by: str) -> Callable[[Sequence[Any]], Iter
     address = command.cluster
     job = with_absolute_paths(Elsewhere(command, Path.cwd()))
     return (lambda items: (done.result for done in spread(address, job, items, by=by))) if address else None
-
-
-def load_below(run: Path, base: Path) -> LearnedSensor:
-    """The learned sensor of a run whose relative paths begin at `base`."""
-    learned = load(run)
-    return LearnedSensor(with_absolute_paths(learned.run, base), learned.params)

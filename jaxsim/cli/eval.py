@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 
 from jaxsim.cli.eval_detection import judge_run
-from jaxsim.cli.source import SAME, DataSource
+from jaxsim.cli.flags import SAME, DataSource
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.runs import SensorScores, score_sensor

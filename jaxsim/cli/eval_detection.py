@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxsim.cli.source import DataSource
+from jaxsim.cli.flags import DataSource
 from jaxsim.evaluate.detector import mean_curves
 from jaxsim.evaluate.runs import mean_words, score_checkpoints
 from jaxsim.files import check_apart
@@ -56,12 +56,10 @@ class Detection:
         passes = len(self.classes) * len(DIFFICULTIES) * len(METRICS) * len(OVERLAP_SETS)
         with Progress(total=passes, desc="matching", unit="pass") as bar:
             curves = evaluate(truth, detections, rules=self.rules, classes=self.classes, done=bar.update)
-        omitted = (
-            ""
-            if self.frames
-            else f" of {len(frames_with_results(self.labels))} labelled (--frames FILE fixes the list)"
-        )
-        print(f"{len(names)} frames{omitted}, {self.rules} rules\n\n{detection_table(curves)}\n")
+        counted = f"{len(names)} frames"
+        if not self.frames:
+            counted += f" of {len(frames_with_results(self.labels))} labelled (--frames FILE fixes the list)"
+        print(f"{counted}, {self.rules} rules\n\n{detection_table(curves)}\n")
         out = self.writes_to
         compared = {"detections": str(self.detections), "labels": str(self.labels)}
         write_detection(out, curves, about=compared | {"frames": len(names), "rules": self.rules})

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from jaxsim.cli.elsewhere import OnWorkers, on_cluster
-from jaxsim.cli.flags import EffectFiles, IntoFolder, Scheduler
-from jaxsim.cli.source import SYNTHETIC, DataSource
+from jaxsim.cli.flags import SYNTHETIC, DataSource, EffectFiles, IntoFolder, Scheduler
 from jaxsim.cloud.kitti_tree import REACH_M
 from jaxsim.config import CloudRecipe
 from jaxsim.config.ranges import Count, Positive, Share

@@ -1,13 +1,21 @@
-"""Flags that several commands share."""
+"""Flags that several commands share, and those of earlier versions under their names of today.
+
+The frames that a command reads are one group of flags for every command, `--data.kind`, `--data.root` ...
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from jaxsim.config.ranges import Checked
+from jaxsim.config import DataConfig, DataKind, Streets
+from jaxsim.config.ranges import Checked, Whole
+from jaxsim.data import Dataset, open_dataset, source_of
+from jaxsim.data.select import frames_to_judge
 
 
 class IntoFolder(Checked):
@@ -37,3 +45,102 @@ Scheduler = Annotated[
     ),
 ]
 """The flag `--cluster`."""
+
+
+@dataclass(frozen=True)
+class DataSource(Checked):
+    """A data set. What is not given is as the run has it, or, in commands without a run, as in training."""
+
+    kind: Literal["same", DataKind] = "same"
+    """Kind of data set; `same`: the run's own."""
+    root: Path | None = None
+    """Its folder: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), `sequences/`
+    (odometry), or `Scene01/` (vkitti2); the `--out` of `jaxsim frames` (polar) or `jaxsim prepare`
+    (prepared)."""
+    scenes: tuple[str, ...] = ()
+    """Its sequences to use: `0001 0018`, of kitti_odometry `00`, of vkitti2 `Scene01`. None named: all."""
+    variations: tuple[str, ...] | None = None
+    """Of vkitti2: `clone` (the default), `15-deg-left`, `fog` ..."""
+    camera: Literal[0, 1] | None = None
+    """Of vkitti2: 0 left (the default), 1 right."""
+    lidar: Literal["kitti", "camera"] | None = None
+    """Where the LiDAR is thought to be in vkitti2, and the camera in the embedded world: apart as on KITTI's car (the
+    default), or in one place, from which nothing is hidden (the paper's additional camera)."""
+    rows: Literal["file_order", "elevation"] | None = None
+    """Laser line of a KITTI point: from the file's order (the default), or the nearest beam, for clouds that were
+    reordered."""
+    seed: Whole | None = None
+    """World seed of the embedded world."""
+    streets: Streets | None = None
+    """Traffic and houses of the embedded world, dry or after rain."""
+
+    @property
+    def foreign(self) -> bool:
+        """Whether another data set than a run's own is named."""
+        return self.kind != "same"
+
+    @classmethod
+    def of(cls, config: DataConfig) -> DataSource:
+        """The flags that name the data set of a config."""
+        return cls(**{field.name: getattr(config, field.name) for field in fields(cls)})
+
+    def config(self, of_run: DataConfig | None = None) -> DataConfig:
+        """The data set's settings; `of_run` are those of the command's run."""
+        optional = ("variations", "camera", "lidar", "rows", "seed", "streets")
+        given = {name: value for name in optional if (value := getattr(self, name)) is not None}
+        return source_of(of_run or DataConfig(), self.kind, root=self.root, scenes=self.scenes, **given)
+
+    def named(self, by: str, example: str) -> DataConfig:
+        """The data set's settings, for a command without a run. Raises ValueError where no data set was named."""
+        if not self.foreign:
+            raise ValueError(f"{by}: no data set was named; give its kind: {example}")
+        return self.config()
+
+    def validation(self, of_run: DataConfig) -> str:
+        """The frames that a run judges by where it is asked for no others: of another data set all, which is ""."""
+        return "" if self.foreign else of_run.validation
+
+    def open(self, of_run: DataConfig, *, frames: str) -> tuple[Dataset, list[int]]:
+        """The data set, and the positions in it that `frames` names. Raises ValueError where there are none."""
+        dataset = open_dataset(self.config(of_run))
+        return dataset, self.choose(dataset, of_run, frames=frames)
+
+    def choose(self, dataset: Dataset, of_run: DataConfig, *, frames: str) -> list[int]:
+        """The positions in the data set that `frames` names. Raises ValueError where there are none."""
+        return frames_to_judge(frames, dataset, validation=self.validation(of_run))
+
+
+SAME = DataSource()
+SYNTHETIC = DataSource("synthetic")
+"""Defaults: the run's own data set, and the embedded world."""
+
+
+def in_new_spelling(words: Sequence[str], flags: Any) -> list[str]:
+    """The words of a command line, with flags that were called otherwise in earlier versions under their names of
+    today; a first word that is no flag, where `flags` has no place for it, is the kind of data set."""
+    today = _old_spellings(flags)
+    result = []
+    for word in words:
+        flag, equals, value = word.partition("=")
+        result.append(today.get(flag.replace("_", "-"), flag) + equals + value)
+    takes_a_word = any("Positional" in str(field.type) for field in fields(flags))
+    if words and not words[0].startswith("-") and _groups(flags) == ["data"] and not takes_a_word:
+        result.insert(0, "--data.kind")
+    return result
+
+
+def _old_spellings(flags: Any) -> dict[str, str]:
+    """Earlier spelling of a flag -> its name: `--root` -> `--data.root`, `--data` -> `--data.kind`, `--sensor` ->
+    `--effects`. A flag that the command itself has is never an earlier spelling."""
+    names = {field.name for field in fields(flags)}
+    table = {"--sensor": "--effects"} if "effects" in names else {}
+    for group in _groups(flags):
+        before = "" if group == "data" else f"{group}-"
+        table |= {f"--{before}{field.name}": f"--{group}.{field.name}" for field in fields(DataSource)}
+        table[f"--{group}"] = f"--{group}.kind"
+    return {old: new for old, new in table.items() if old[2:] not in names or old[2:] in _groups(flags)}
+
+
+def _groups(flags: Any) -> list[str]:
+    """Names of the fields that are a Source."""
+    return [field.name for field in fields(flags) if isinstance(field.default, DataSource)]

@@ -23,9 +23,8 @@ class Frames(Checked):
         jaxsim frames --list
 
     Ouster, Velodyne, nuScenes, KITTI, Argoverse 2, ROS bags and MCAP, PCD, PLY, LAS, CARLA's LiDARs, ASAM OSI; others
-    by
-    entry points of the group jaxsim.sources. Rows are the sensor's beams, from the log's ring or beam number, else from
-    gaps between elevations; columns are its firings. A killed command goes on where it was.
+    by entry points of the group jaxsim.sources. Rows are the sensor's beams, from the log's ring or beam number, else
+    from gaps between elevations; columns are its firings. A killed command goes on where it was.
     """
 
     source: Annotated[Path | None, tyro.conf.Positional] = None

@@ -8,10 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from jaxsim.cli.source import SAME, DataSource
+from jaxsim.cli.flags import SAME, DataSource
 from jaxsim.config.ranges import Checked
-from jaxsim.data import open_dataset
-from jaxsim.data.select import frames_to_judge
 from jaxsim.pairs.prepared import prepared
 from jaxsim.report.results import markdown_table
 from jaxsim.simulate.grain import Field, save_grain
@@ -42,8 +40,7 @@ class LearnGrain(Checked):
             raise ValueError(NO_DISTRIBUTION)
         of_run, prepare = sensor.run.experiment.data, sensor.run.experiment.prepare
         data = self.data.config(of_run)
-        dataset = open_dataset(data)
-        positions = frames_to_judge(self.frames, dataset, validation=self.data.validation(of_run))
+        dataset, positions = self.data.open(of_run, frames=self.frames)
         pairs = prepared(dataset, positions, data, prepare=prepare)
         grain = learn_grain(make_predict(sensor.generate, prepare), sensor.params, pairs, scenes=pairs.scenes)
         for what, fields in (("intensity", grain.intensity), ("lost rays", grain.drop)):

@@ -9,8 +9,7 @@ from typing import Annotated
 import jax
 import tyro
 
-from jaxsim.cli.flags import IntoFolder, Scheduler
-from jaxsim.cli.source import SAME, DataSource
+from jaxsim.cli.flags import SAME, DataSource, IntoFolder, Scheduler
 from jaxsim.config import PrepareConfig
 from jaxsim.config.ranges import Count, Whole
 

@@ -11,8 +11,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from jaxsim.cli.flags import IntoFolder
-from jaxsim.cli.source import SAME, DataSource
+from jaxsim.cli.flags import SAME, DataSource, IntoFolder
 from jaxsim.files import check_apart
 
 _log = logging.getLogger(__name__).info

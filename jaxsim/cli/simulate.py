@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 import tyro
 
 from jaxsim.cli.elsewhere import OnWorkers, on_cluster
-from jaxsim.cli.flags import EffectFiles, IntoFolder, Scheduler
-from jaxsim.cli.source import SAME, DataSource
+from jaxsim.cli.flags import SAME, DataSource, EffectFiles, IntoFolder, Scheduler
 from jaxsim.config.ranges import Count, Whole
 from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel

@@ -6,12 +6,11 @@ export, kitti_tree             files of clouds, trees of the KITTI benchmark
 
 from jaxsim.cloud.export import FORMATS, points_of, save_cloud
 from jaxsim.cloud.pseudo_lidar import depth_to_cloud, place_intensity
-from jaxsim.cloud.sparsify import PATTERNS, PUBLISHED_RANGE_M, EvenLines, crop_cloud, sparsify
+from jaxsim.cloud.sparsify import PATTERNS, EvenLines, crop_cloud, sparsify
 
 __all__ = [
     "FORMATS",
     "PATTERNS",
-    "PUBLISHED_RANGE_M",
     "EvenLines",
     "crop_cloud",
     "depth_to_cloud",

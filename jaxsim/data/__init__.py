@@ -9,7 +9,7 @@ A row of DATASETS a kind. Readers, with the files of their formats beside them:
 
     kitti, kitti_odometry, kitti_together, kitti_files   KITTI's raw drives, its benchmarks, all as one
     kitti_step, cityscapes                    panoptic labels, and the classes that all frames carry
-    semantic_kitti, point_classes             labels of points, and as rasters of the camera
+    point_labels                              labels of points, and as rasters of the camera
     kitti_depth                               depth completion
     vkitti2, vkitti2_files, carla             renderers
     synthetic                                 the embedded world
@@ -32,6 +32,7 @@ from jaxsim.data.kitti import KittiObject, KittiRaw
 from jaxsim.data.kitti_odometry import KittiOdometry
 from jaxsim.data.kitti_step import KittiStep
 from jaxsim.data.kitti_together import KittiTogether
+from jaxsim.data.polar_views import PolarViews
 from jaxsim.data.select import select
 from jaxsim.data.sweeps import Sweep, read_lidar_top, read_pcap
 from jaxsim.frame import Frame
@@ -93,12 +94,6 @@ def _vkitti2(config: DataConfig) -> Dataset:
     )
 
 
-def _polar(config: DataConfig) -> Dataset:
-    from jaxsim.data.polar_views import PolarViews
-
-    return PolarViews(_root(config))
-
-
 def _prepared(config: DataConfig) -> Dataset:
     from jaxsim.data.prepared_set import PreparedSet
 
@@ -116,7 +111,7 @@ DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
     "kitti_odometry": lambda config: KittiOdometry(_root(config), sequences=config.scenes, rows=config.rows),
     "kitti": lambda config: KittiTogether(_root(config), rows=config.rows),
     "vkitti2": _vkitti2,
-    "polar": _polar,
+    "polar": lambda config: PolarViews(_root(config)),
     "prepared": _prepared,
 }
 

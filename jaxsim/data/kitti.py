@@ -27,12 +27,11 @@ from jaxsim.data.kitti_files import (
     raw_camera,
     read_image,
     read_labels,
-    read_list,
     read_motion,
     read_plane,
     scan_time,
 )
-from jaxsim.files import files_in
+from jaxsim.files import files_in, read_names
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -186,7 +185,7 @@ class KittiObject:
         splits = {name: list(numbers.values()) for name, numbers in places.items()}
         for path in self._lists():
             numbers = places.get(_part_of(path), {})
-            splits[path.stem] = [numbers[n] for n in read_list(path) if n in numbers]
+            splits[path.stem] = [numbers[n] for n in read_names(path, by="kitti") if n in numbers]
         return splits
 
     @property
@@ -195,7 +194,7 @@ class KittiObject:
         here = {(scan.parent.parent.name, scan.stem) for scan in self._frames}
         lacks: dict[str, str] = {}
         for path in self._lists():
-            named = read_list(path)
+            named = read_names(path, by="kitti")
             if not named:
                 lacks[path.stem] = f"{path} names no frame; write one number a line"
             elif missing := [number for number in named if (_part_of(path), number) not in here]:

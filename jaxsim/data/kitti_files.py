@@ -5,7 +5,7 @@ Every reader stops with a ValueError that names the file, what is wrong with it 
 
 from __future__ import annotations
 
-from collections import Counter
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -53,20 +53,25 @@ def read_image(path: Path) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def object_camera(path: Path, size: tuple[int, int]) -> Camera:
-    """Camera 2 of an object-benchmark frame from `calib/NNNNNN.txt`, for an image of `size` (h, w).
+    """Camera 2 of a frame of the object benchmark from `calib/NNNNNN.txt`, or of a tracking sequence from
+    `calib/NNNN.txt`, for an image of `size` (h, w).
 
     The file does not say the image's size, so the principal point must lie near the image's middle.
     """
-    return _camera(path, size, rectify="R0_rect", velo="Tr_velo_to_cam")
+    values = _read_calibration(path, {"P2": 12})
+    return _pinhole(path, values, "P2", size=size, rect_from_velo=object_rect_from_velo(path))
 
 
 def object_rect_from_velo(path: Path) -> Float[np.ndarray, "4 4"]:
-    """R0_rect Tr_velo_to_cam of `calib/NNNNNN.txt`: from `velo` to the rectified camera 0, where labels are written.
+    """R0_rect Tr_velo_to_cam of `calib/NNNNNN.txt`: from `velo` to the rectified camera 0, where labels are written. A
+    tracking sequence's file calls the same numbers R_rect and Tr_velo_cam.
 
     `object_camera` holds camera 2 instead, which stands 6 cm beside it (P2's fourth column).
     """
-    values = _read_calibration(path, {"R0_rect": 9, "Tr_velo_to_cam": 12})
-    return _rigid(path, values, "R0_rect") @ _rigid(path, values, "Tr_velo_to_cam")
+    of_tracking = re.search(r"^(R_rect|Tr_velo_cam)\b", _text(path), re.MULTILINE)
+    rectify, velo = ("R_rect", "Tr_velo_cam") if of_tracking else ("R0_rect", "Tr_velo_to_cam")
+    values = _read_calibration(path, {rectify: 9, velo: 12})
+    return _rigid(path, values, rectify) @ _rigid(path, values, velo)
 
 
 def read_motion(path: Path) -> tuple[float, float]:
@@ -96,20 +101,6 @@ def read_plane(path: Path) -> Float[np.ndarray, " 4"]:
             f"most {APART_M:g}"
         )
     return plane / normal * (-1 if plane[1] > 0 else 1)
-
-
-def tracking_camera(path: Path, size: tuple[int, int]) -> Camera:
-    """Camera 2 of a tracking sequence from `calib/NNNN.txt`, for an image of `size` (h, w).
-
-    The same numbers as the object benchmark's under other names, three of them without a colon.
-    """
-    return _camera(path, size, rectify="R_rect", velo="Tr_velo_cam")
-
-
-def tracking_rect_from_velo(path: Path) -> Float[np.ndarray, "4 4"]:
-    """R_rect Tr_velo_cam of a tracking sequence's `calib/NNNN.txt`: to the frame in which its labels are written."""
-    values = _read_calibration(path, {"R_rect": 9, "Tr_velo_cam": 12})
-    return _rigid(path, values, "R_rect") @ _rigid(path, values, "Tr_velo_cam")
 
 
 def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
@@ -185,14 +176,6 @@ def read_tracking_labels(path: Path) -> dict[int, Boxes]:
         kind = "Person_sitting" if row[1] == "Person" else row[1]
         frames.setdefault(int(number), []).append((line, [kind, *row[2:]]))
     return {number: _boxes(path, rows) for number, rows in frames.items()}
-
-
-def read_list(path: Path) -> list[str]:
-    """Frames of a list such as `ImageSets/val.txt`, one a line. Raises ValueError for a frame that is named twice."""
-    names = read_text(path, by="kitti").split()
-    if twice := [name for name, times in Counter(names).items() if times > 1]:
-        raise ValueError(f"kitti: {path} names {twice[0]} more than once; name each frame once")
-    return names
 
 
 def scan_time(path: Path, number: int) -> float | None:
@@ -285,12 +268,6 @@ def _check_numbers(path: Path, line: int, row: list[str], *, numbers: Float[np.n
 
 
 _DONT_CARE_KEEPS = np.array([0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0])
-
-
-def _camera(path: Path, size: tuple[int, int], *, rectify: str, velo: str) -> Camera:
-    values = _read_calibration(path, {"P2": 12, rectify: 9, velo: 12})
-    rect_from_velo = _rigid(path, values, rectify) @ _rigid(path, values, velo)
-    return _pinhole(path, values, "P2", size=size, rect_from_velo=rect_from_velo)
 
 
 def _pinhole(

@@ -18,8 +18,7 @@ import numpy as np
 
 from jaxsim.data.clouds import check_rows, compensated_spec, read_scan
 from jaxsim.data.kitti_files import listing, odometry_camera, read_image, scan_time
-from jaxsim.data.point_classes import classes_in_image
-from jaxsim.data.semantic_kitti import TRAINING, VALIDATION, labels_of, read_point_labels
+from jaxsim.data.point_labels import TRAINING, VALIDATION, classes_in_image, labels_of, read_point_labels
 from jaxsim.files import files_in
 from jaxsim.frame import CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec

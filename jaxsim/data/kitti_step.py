@@ -22,10 +22,10 @@ from jaxsim.data.clouds import check_rows, fitted_spec, read_scan
 from jaxsim.data.kitti_files import (
     NO_BOXES,
     listing,
+    object_camera,
+    object_rect_from_velo,
     read_image,
     read_tracking_labels,
-    tracking_camera,
-    tracking_rect_from_velo,
 )
 from jaxsim.files import files_in, placed, read_once, read_pixels
 from jaxsim.frame import Boxes, CameraFrame, Frame
@@ -91,11 +91,11 @@ class KittiStep:
             name=self.name_of(index),
             scene=sequence,
             camera=CameraFrame(
-                rgb=rgb, camera=tracking_camera(calibration, rgb.shape[:2]), semantic=semantic, instance=instance
+                rgb=rgb, camera=object_camera(calibration, rgb.shape[:2]), semantic=semantic, instance=instance
             ),
             cloud=read_scan(self._path("velodyne", index, ".bin"), self._rows),
             boxes=self._boxes(sequence, int(number)),
-            rect_from_velo=tracking_rect_from_velo(calibration),
+            rect_from_velo=object_rect_from_velo(calibration),
         )
 
     def name_of(self, index: int) -> str:

@@ -81,7 +81,7 @@ def frame_names(folder: Path | str) -> list[str]:
     return [path.stem for path in files_in(folder, ".npz")]
 
 
-def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -> Path:
+def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -> None:
     """Writes one frame; `more` are further rasters by the names of the format (semantic, instance, rgb, ...), and
     `source` a text, the stamp of what it is made of (`frame_anew`)."""
     valid = np.asarray(image.valid)
@@ -90,10 +90,8 @@ def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -
         "intensity": np.where(valid, np.asarray(image.intensity), 0).astype(np.float32),
         **{key: np.asarray(value) for key, value in more.items()},
     }
-    target = file_of(folder, name, ".npz", by="polar frames")
-    with replacing(target) as path:
+    with replacing(file_of(folder, name, ".npz", by="polar frames")) as path:
         np.savez_compressed(path, **arrays)
-    return target
 
 
 def frame_anew(folder: Path | str, name: str, source: str) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxsim.data.point_classes import classes_in_image
+from jaxsim.data.point_labels import classes_in_image
 from jaxsim.data.polar_frames import open_polar_frames, scene_of
 from jaxsim.frame import Camera, CameraFrame, Cloud, Frame, PolarGrid
 from jaxsim.geometry import LidarSpec, camera_at_lidar, polar_to_points, turned_points

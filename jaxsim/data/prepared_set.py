@@ -39,7 +39,7 @@ from jaxsim.data.tfds_builder import (
     features,
     flattened,
 )
-from jaxsim.files import differences, parse_settings, placed, read_json
+from jaxsim.files import differences, first_line, parse_settings, placed, read_json
 from jaxsim.frame import Frame
 from jaxsim.geometry import LidarSpec
 
@@ -166,8 +166,8 @@ class PreparedSet:
                 file, number = self._file_of(split, i)
                 where = f"{file}, record {number}"
             raise ValueError(
-                f"prepared: {where} ({about.names[i]}) is damaged ({_first_line(error)}); copy the file "
-                f"again, or make the set anew: delete {self.folder} and run the same jaxsim prepare"
+                f"prepared: {where} ({about.names[i]}) is damaged ({type(error).__name__}: {first_line(error)}); copy "
+                f"the file again, or make the set anew: delete {self.folder} and run the same jaxsim prepare"
             ) from error
         return record
 
@@ -230,7 +230,3 @@ def _folder(root: Path) -> Path:
         f"prepared: no prepared set: {listing(root)}; pass the --out of jaxsim prepare (it makes one: "
         "jaxsim prepare kitti_step --root ROOT --out OUT)"
     )
-
-
-def _first_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {str(error).strip().splitlines()[0] if str(error).strip() else 'no message'}"

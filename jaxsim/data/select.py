@@ -4,8 +4,9 @@ what is left of the set without it."""
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Sized
+
+from jaxsim.files import repeated
 
 _PART = re.compile(r"(\d+)(?:\s*-\s*(\d+)(?:\s*:\s*([1-9]\d*))?)?")
 _ALL_BUT = re.compile(r"\s*all\s+but\s+(.+)")
@@ -27,9 +28,8 @@ def select(text: str, dataset: Sized) -> list[int]:
     for part in text.split(","):
         named = _SPLIT.fullmatch(part.strip())
         chosen.extend(_split(text, named, dataset) if named else _range(text, part.strip(), len(dataset)))
-    repeated = [i for i, times in Counter(chosen).items() if times > 1]
-    if repeated:
-        raise ValueError(f"frames {text!r}: frame {repeated[0]} is named more than once; name each frame once")
+    if twice := repeated(chosen):
+        raise ValueError(f"frames {text!r}: frame {twice[0]} is named more than once; name each frame once")
     return chosen
 
 

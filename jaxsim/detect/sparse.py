@@ -210,10 +210,6 @@ def _cells_of(kernel: Float[Array, "kz ky kx c d"]) -> Float[Array, "k c d"]:
     return kernel.reshape(-1, *kernel.shape[-2:])
 
 
-def _forward(features, kernel, tables):
-    return sparse_conv(features, kernel, tables), (features, kernel, tables)
-
-
 def _backward(kept, change):
     features, kernel, tables = kept
     # Inputs gather from the outputs that they add to, by the backward table: a scatter would sum in no fixed order.
@@ -230,4 +226,4 @@ def _weight_gradient(
     return jax.lax.map(lambda row: _rows(features, row).T @ change, table.T)
 
 
-sparse_conv.defvjp(_forward, _backward)
+sparse_conv.defvjp(lambda *given: (sparse_conv(*given), given), _backward)

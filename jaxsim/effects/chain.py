@@ -4,7 +4,6 @@ then reports; read from and written to sensor.json."""
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -25,7 +24,7 @@ from jaxsim.effects.places import all_rays
 from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan
 from jaxsim.effects.recast import recast
 from jaxsim.effects.region import Region, kept
-from jaxsim.files import check_keys, placed, read_json, real, write_text
+from jaxsim.files import check_keys, placed, read_json, real, repeated, write_text
 from jaxsim.frame import PolarImage
 
 LEVELS = {
@@ -265,7 +264,7 @@ class SensorModel:
                 check_keys(entry, ("name", "parameters", "from", "where"), where=f"effect {entry['name']}")
             entries = [(entry["name"], _plain(entry.get("parameters", {}))) for entry in content["effects"]]
             levels = {name: real(value) for name, value in content.get("levels", {}).items()}
-            twice = [name for name, count in Counter(name for name, _ in entries).items() if count > 1]
+            twice = repeated(name for name, _ in entries)
             origins = {entry["name"]: entry.get("from") for entry in content["effects"]}
             laws = list(content.get("learned", []))
             parts = {entry["name"]: entry["where"] for entry in content["effects"] if "where" in entry}

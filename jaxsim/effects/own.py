@@ -85,9 +85,8 @@ def load_file(path: Path) -> OwnEffect:
     try:
         exec(compile(code, str(path), "exec"), module.__dict__)
     except Exception as error:
-        raise ValueError(
-            f"effects: {_line_of(path, error)}: {type(error).__name__}: {error}{_remedy(error)}"
-        ) from error
+        more = "; `jaxsim effects new NAME` writes a file with every field" if isinstance(error, TypeError) else ""
+        raise ValueError(f"effects: {_line_of(path, error)}: {type(error).__name__}: {error}{more}") from error
     if "EFFECT" not in vars(module):
         raise ValueError(
             f"effects: {path} has no EFFECT; end it with EFFECT = Effect(...), as `jaxsim effects new` does"
@@ -112,10 +111,6 @@ def _line_of(path: Path, error: Exception) -> str:
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     line = lines[-1] if lines else getattr(error, "lineno", None)
     return f"{path}, line {line}" if line else str(path)
-
-
-def _remedy(error: Exception) -> str:
-    return "; `jaxsim effects new NAME` writes a file with every field" if isinstance(error, TypeError) else ""
 
 
 TEMPLATE = '''"""An effect of one's own: `jaxsim effects check {name}.py` tells what is wrong with it.

@@ -160,11 +160,7 @@ def _meet(
     rise = rays.elevation_rad - e + turned[..., 1]
     # Direction in the basis of the cell's ray; written with differences so that it is exact where there are none.
     versine = 2 * jnp.square(jnp.sin(turn / 2)) * jnp.cos(elevation)
-    d = (
-        jnp.cos(rise) - versine * jnp.cos(e),
-        jnp.cos(elevation) * jnp.sin(turn),
-        jnp.sin(rise) + versine * jnp.sin(e),
-    )
+    d = (jnp.cos(rise) - versine * jnp.cos(e), jnp.cos(elevation) * jnp.sin(turn), jnp.sin(rise) + versine * jnp.sin(e))
     x, y = moved[..., 0], moved[..., 1]
     # The cell's own ray started at another height: its beam stands elsewhere in the head.
     z = moved[..., 2] + grid.origin_m[rays.row] - grid.origin_m[s.row]

@@ -63,8 +63,5 @@ ENGINE = Engine(
     notes=(
         "Compare with a survey of accuracy_m 0, and with intensities on one scale: HELIOS++ writes received power.",
     ),
-    links=(
-        "https://github.com/3dgeo-heidelberg/helios/wiki/Scanners",
-        "https://github.com/3dgeo-heidelberg/helios",
-    ),
+    links=("https://github.com/3dgeo-heidelberg/helios/wiki/Scanners", "https://github.com/3dgeo-heidelberg/helios"),
 )

@@ -24,17 +24,7 @@ from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_i
 from jaxsim.detect.results import Detected, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_detectable, seen_by
 from jaxsim.evaluate.detector import LearnedDetector, find_all, make_find
-from jaxsim.files import (
-    CHANGED,
-    claim,
-    digest_of_values,
-    files_in,
-    parse_json,
-    stamp,
-    tell_anew,
-    why_anew,
-    write_text,
-)
+from jaxsim.files import CHANGED, claim, digest_of_values, files_in, parse_json, stamp, tell_anew, why_anew, write_text
 from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics.detection.files import read_detections

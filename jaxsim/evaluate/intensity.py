@@ -181,13 +181,7 @@ def data_name(pairs: PreparedPairs, prepare: PrepareConfig) -> str:
 
 
 def frechet_of_run(
-    generate: Generate,
-    params: Any,
-    judged: PreparedPairs,
-    *,
-    extractor: Extractor,
-    prepare: PrepareConfig,
-    cache: Path,
+    generate: Generate, params: Any, judged: PreparedPairs, *, extractor: Extractor, prepare: PrepareConfig, cache: Path
 ) -> FrechetScore:
     """Distance between predicted and measured images of these frames; the measured statistics are kept in `cache`.
 

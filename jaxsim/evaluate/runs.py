@@ -14,14 +14,7 @@ from jaxsim.data.seen import Side, warn_of_seen, warn_of_seen_pairs
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
-from jaxsim.evaluate.intensity import (
-    PairedSums,
-    Predict,
-    baseline_sums,
-    coverage,
-    frechet_of_run,
-    network_sums,
-)
+from jaxsim.evaluate.intensity import PairedSums, Predict, baseline_sums, coverage, frechet_of_run, network_sums
 from jaxsim.metrics import Score
 from jaxsim.metrics.detection import Curve
 from jaxsim.metrics.frechet import FrechetScore, require_images

@@ -32,6 +32,7 @@ from jaxsim.files.stamps import (
 )
 from jaxsim.files.texts import (
     check_keys,
+    first_line,
     numbers,
     parse_json,
     parse_number,
@@ -39,8 +40,10 @@ from jaxsim.files.texts import (
     placed,
     read_entry,
     read_json,
+    read_names,
     read_text,
     real,
+    repeated,
 )
 from jaxsim.files.whole import check_apart, check_name, check_size, file_of, files_in, replacing, tidy, write_text
 
@@ -60,6 +63,7 @@ __all__ = [
     "file_of",
     "files_in",
     "files_of",
+    "first_line",
     "image_of",
     "kept_files",
     "loaded",
@@ -74,10 +78,12 @@ __all__ = [
     "read_arrays",
     "read_entry",
     "read_json",
+    "read_names",
     "read_once",
     "read_pixels",
     "read_text",
     "real",
+    "repeated",
     "replacing",
     "sha256_of",
     "stamp",

@@ -38,8 +38,10 @@ def lock(folder: Path, *, doing: str = "training in", instead: str = "another --
     try:
         file.acquire(blocking=False)
     except Timeout:
+        named = folder / OWNER
+        owner = read_text(named, by="run", most=1000).strip() if named.is_file() else "it left no number"
         raise ValueError(
-            f"run: another process ({_owner(folder)}) is {doing} {folder}, and two would spoil each other's files; "
+            f"run: another process ({owner}) is {doing} {folder}, and two would spoil each other's files; "
             f"wait until it ends, stop it, or give this one {instead}"
         ) from None
     except OSError as error:
@@ -83,8 +85,3 @@ def working_in(folder: Path | str, *, doing: str = "writing to") -> Iterator[Non
             with suppress(OSError):  # one that holds something ends this
                 for parent in new:
                     parent.rmdir()
-
-
-def _owner(folder: Path) -> str:
-    path = folder / OWNER
-    return read_text(path, by="run", most=1000).strip() if path.is_file() else "it left no number"

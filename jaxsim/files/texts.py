@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
@@ -20,6 +21,7 @@ MOST_TEXT = 256 * 2**20
 """Bytes of a text: grid.json of a million frames has 150 MB."""
 Number = TypeVar("Number", int, float)
 Settings = TypeVar("Settings")
+Value = TypeVar("Value", bound=Hashable)
 
 
 @contextmanager
@@ -32,6 +34,24 @@ def placed(where: str, *more: type[Exception], then: str = "") -> Iterator[None]
         # Of a KeyError the words are the key alone.
         told = f"lacks {error}" if isinstance(error, KeyError) else str(error)
         raise ValueError(f"{where}: {told}{then and f'; {then}'}") from error
+
+
+def first_line(error: BaseException) -> str:
+    """The first line of an error's words, as far as a line of a message has room for it."""
+    return (str(error).strip() or "no message").splitlines()[0][:200]
+
+
+def repeated(values: Iterable[Value]) -> list[Value]:
+    """The values that come more than once, each once."""
+    return [value for value, times in Counter(values).items() if times > 1]
+
+
+def read_names(path: Path, *, by: str) -> list[str]:
+    """Frames of a list such as ImageSets/val.txt, one name a line. Raises ValueError for one that is named twice."""
+    names = read_text(path, by=by).split()
+    if twice := repeated(names):
+        raise ValueError(f"{by}: {path} names {twice[0]} more than once; name each frame once")
+    return names
 
 
 def read_text(path: Path | str, *, by: str, most: int = MOST_TEXT) -> str:
@@ -109,9 +129,7 @@ def _finite(digits: str) -> float:
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     entries = dict(pairs)
     if len(entries) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"{twice!r} is named twice")
+        raise ValueError(f"{repeated(name for name, _ in pairs)[0]!r} is named twice")
     return entries
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import wasserstein_distance
 
+from jaxsim.geometry import pad_points, room_for
 from jaxsim.geometry.boxes import points_in_boxes
 
 DISTANCES_M = ((0.0, 15.0), (15.0, 30.0), (30.0, 45.0), (45.0, 80.0))
@@ -86,11 +87,9 @@ class CloudCounts:
 
 def _inside(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """(n, g); filled up to few sizes, for each size is compiled once."""
-    # What fills up lies 1000 km away; boxes that fill up have no size, and hold nothing.
-    xyz = np.full((-(-max(len(points), 1) // 8192) * 8192, 3), 1e6, np.float32)
-    room = np.zeros((-(-max(len(boxes), 1) // 32) * 32, 7), np.float32)
-    xyz[: len(points)], room[: len(boxes)] = points[:, :3], boxes
-    return np.asarray(points_in_boxes(xyz, room))[: len(points), : len(boxes)]
+    xyz, _ = pad_points(points[:, :3], room_for(len(points), 8192))
+    filled, _ = pad_points(boxes, room_for(len(boxes), 32))
+    return np.asarray(points_in_boxes(xyz, filled))[: len(points), : len(boxes)]
 
 
 def count_clouds(

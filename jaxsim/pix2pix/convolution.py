@@ -227,10 +227,6 @@ def reflect_pad(x: Array, cells: _Pair) -> Array:
     return x
 
 
-def _reflect_forward(x: Array, cells: _Pair) -> tuple[Array, None]:
-    return reflect_pad(x, cells), None
-
-
 def _reflect_backward(cells: _Pair, _: None, gradient: Array) -> tuple[Array]:
     for axis, pad in zip((1, 2), cells, strict=True):
         n = gradient.shape[axis] - 2 * pad
@@ -254,7 +250,7 @@ def _reflect_backward(cells: _Pair, _: None, gradient: Array) -> tuple[Array]:
     return (gradient,)
 
 
-reflect_pad.defvjp(_reflect_forward, _reflect_backward)
+reflect_pad.defvjp(lambda x, cells: (reflect_pad(x, cells), None), _reflect_backward)
 
 
 def _convolve(x: Array, kernel: Array, *, around: tuple[_Pair, _Pair], stride: int = 1) -> Array:
@@ -266,10 +262,6 @@ def _convolve_strided(form: tuple[int, _Pair], x: Array, kernel: Array) -> Array
     """`form` is the stride and the padding."""
     stride, padding = form
     return _convolve(x, kernel, around=_both_sides(padding), stride=stride)
-
-
-def _strided_forward(form: tuple[int, _Pair], x: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
-    return _convolve_strided(form, x, kernel), (x, kernel)
 
 
 def _strided_backward(form: tuple[int, _Pair], saved: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
@@ -293,7 +285,7 @@ def _strided_backward(form: tuple[int, _Pair], saved: tuple[Array, Array], gradi
     return back, total.swapaxes(1, 2).reshape(kernel.shape)
 
 
-_convolve_strided.defvjp(_strided_forward, _strided_backward)
+_convolve_strided.defvjp(lambda form, *given: (_convolve_strided(form, *given), given), _strided_backward)
 
 
 def _patch_product(x: Array, kernel: Array, size: _Pair, *, stride: int) -> Array:

@@ -13,15 +13,7 @@ from markupsafe import Markup
 from jaxsim.discover.covariates import NAMED
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.show.pictures import MAP_COLUMNS
-from jaxsim.discover.verdict import (
-    ClosedLaw,
-    JudgeFrame,
-    OwnCandidate,
-    Registered,
-    Result,
-    Sensitivity,
-    Verdict,
-)
+from jaxsim.discover.verdict import ClosedLaw, JudgeFrame, OwnCandidate, Registered, Result, Sensitivity, Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import Origin
@@ -203,12 +195,7 @@ def _candidate(one: OwnCandidate) -> Markup:
     if not one.look_alikes:
         return join_parts([*parts, paragraph("Nothing of the catalogue looks like it on these frames.")])
     rows = [
-        [
-            code(other.name),
-            bar_cell(other.share, RULES.alike_share, strong=False),
-            percent(other.share),
-            other.apart,
-        ]
+        [code(other.name), bar_cell(other.share, RULES.alike_share, strong=False), percent(other.share), other.apart]
         for other in one.look_alikes
     ]
     heads = ["look-alike", "of its expectation reproduced, and the bar", "share", "what tells them apart"]
@@ -219,11 +206,11 @@ def residual_clouds(result: Result) -> tuple[Markup, Markup]:
     """The section with the viewer and its table, and the viewer's scenes; nothing where no frame was kept."""
     if not result.frames:
         return EMPTY, EMPTY
-    limits = {name: _limit(result, name) for name in SIGN_WORDS}
+    sides = [side for one in result.frames for side in (one.before, one.after)]
     channels = [
-        Channel(name, f"residual of {name}", -limit, limit, sides.unit, "diverging")
-        for name, sides in SIGN_WORDS.items()
-        if (limit := limits[name]) is not None
+        Channel(name, f"residual of {name}", -limit, limit, words.unit, "diverging")
+        for name, words in SIGN_WORDS.items()
+        if (limit := colour_limit([side[name] for side in sides])) is not None
     ]
     if not channels:
         return EMPTY, EMPTY
@@ -239,10 +226,6 @@ def residual_clouds(result: Result) -> tuple[Markup, Markup]:
     return section("Residuals ray by ray", body, name="turn"), packed(
         scenes, channels, rows=rows, columns=columns, groups=groups
     )
-
-
-def _limit(result: Result, channel: str) -> float | None:
-    return colour_limit([side[channel] for one in result.frames for side in (one.before, one.after)])
 
 
 def _scene(frame: JudgeFrame, result: Result) -> TurnedScene:

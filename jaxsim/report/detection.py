@@ -34,7 +34,8 @@ def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
         for name in DIFFICULTIES:
             row = [known[name, *column] for column in columns]
             counts = f"{row[0].truths}", f"{row[0].detections}"
-            rows.append([name, *counts, *(_percent(getattr(curve, average)) for curve in row)])
+            values = [getattr(curve, average) for curve in row]
+            rows.append([name, *counts, *("-" if math.isnan(value) else f"{value:.2f}" for value in values)])
         blocks.append(markdown_table([f"{kind}, AP {average[3:].upper()}", "labels", "detections", *head], rows))
         labels = {name: known[name, *columns[0]].truths for name in DIFFICULTIES}
         few = [f"{name} {(n - 1) / 0.4:.1f}" for name, n in labels.items() if 0 < n < SLOTS]
@@ -42,10 +43,6 @@ def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
             most = f"with fewer than {SLOTS}, R40 is at most {', '.join(few)}."
             blocks.append(f"KITTI's rules fill a slot of recall a label: {most}")
     return "\n\n".join(blocks)
-
-
-def _percent(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.2f}"
 
 
 def precision_recall_picture(curves: Sequence[Curve], overlap_set: str) -> Canvas:
@@ -106,7 +103,12 @@ def write_detection(
     """
     content = about | {"curves": [_plain(curve) for curve in curves]}
     if mean is not None:
-        content |= {"mean": {"of": mean[0], "averages": [_plain_mean(*item) for item in mean[1].items()]}}
+        averages = [
+            dict(zip(("metric", "overlap_set", "difficulty"), key, strict=True))
+            | {"ap_r40": number_or_none(value), "spread": number_or_none(spread)}
+            for key, (value, spread) in mean[1].items()
+        ]
+        content |= {"mean": {"of": mean[0], "averages": averages}}
     parts = [list_facts(about), *(detection_table(curves, average=average) for average in ("ap_r40", "ap_r11"))]
     if mean is not None:
         parts += [mean[0], mean_table(mean[1])]
@@ -115,11 +117,6 @@ def write_detection(
         picture = precision_recall_picture(curves, overlap_set)
         words = f"Precision over recall, overlap set {overlap_set}"
         save_figure(folder, f"precision_recall_{overlap_set}", picture, words=words)
-
-
-def _plain_mean(key: tuple[str, str, str], mean: tuple[float, float]) -> dict[str, Any]:
-    named = dict(zip(("metric", "overlap_set", "difficulty"), key, strict=True))
-    return {**named, "ap_r40": number_or_none(mean[0]), "spread": number_or_none(mean[1])}
 
 
 def _plain(curve: Curve) -> dict[str, Any]:

@@ -9,18 +9,7 @@ from markupsafe import Markup
 
 from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import (
-    Contrast,
-    CurveLine,
-    Fidelity,
-    Gained,
-    Gap,
-    Interval,
-    Level,
-    Result,
-    Verdict,
-    Where,
-)
+from jaxsim.discover.verdict import Contrast, CurveLine, Fidelity, Gained, Gap, Interval, Level, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, draw_maps, root_mean_square
 from jaxsim.report.numbers import number, percent, probability

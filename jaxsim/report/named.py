@@ -46,9 +46,10 @@ def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> 
     places = _evidence(named, known, shown)
     figures = [figure for _, figure in places]
     changes = Markup(", ").join(shows(channel, channel=channel, figures=figures) for channel in named.channels)
+    p = probability(named.p_value)
     gains = (
         f"On held-out scenes it gains {number(named.gain.value)} {named.gain.unit} (90 % interval {span(named.gain)}; "
-        f"p {_p(named.p_value)}, sign flips over scenes)."
+        f"p {p if p.startswith('<') else f'= {p}'}, sign flips over scenes)."
     )
     parts.append(paragraph(Markup("Changes {}. {}").format(changes, gains)))
     parts += [paragraph(_does(channel, change)) for channel, change in named.does.items()]
@@ -99,11 +100,6 @@ def _evidence(named: Named, known: Effect | None, shown: Sequence[tuple[str, str
         for name, value in named.parameters.items()
         if not isinstance(value, Interval)
     ]
-
-
-def _p(p: float) -> str:
-    text = probability(p)
-    return text if text.startswith("<") else f"= {text}"
 
 
 def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence[Interval], draw: DrawChart) -> Markup:

@@ -38,12 +38,7 @@ def own_text(name: str) -> Markup:
 
 
 def whole_page(
-    *,
-    title: str,
-    sentence: str,
-    facts: Sequence[tuple[str, str]],
-    sections: Sequence[Markup],
-    scenes: Markup = EMPTY,
+    *, title: str, sentence: str, facts: Sequence[tuple[str, str]], sections: Sequence[Markup], scenes: Markup = EMPTY
 ) -> str:
     """The page: the answer first, what it rests on, then the evidence. `scenes` is what `scenes.packed` gives for the
     viewer."""

@@ -126,12 +126,7 @@ KINDS = (
         fixed=("optim.epochs",),  # its rates depend on how long it is to learn
     ),
     Kind(
-        "a depth completion network",
-        "penet",
-        DepthExperiment,
-        DepthRun,
-        "jaxsim.train.depth:depth_training",
-        bare=True,
+        "a depth completion network", "penet", DepthExperiment, DepthRun, "jaxsim.train.depth:depth_training", bare=True
     ),
 )
 

@@ -21,7 +21,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from jaxsim.config import Experiment
-from jaxsim.files import check_size, claim, digest, lock, placed, read_json
+from jaxsim.files import check_size, claim, digest, first_line, lock, placed, read_json
 from jaxsim.frame import Array, CameraFrame
 from jaxsim.geometry import LidarSpec
 from jaxsim.runs.frames import FRAMES, RunFrames, write_frames
@@ -174,7 +174,7 @@ class Checkpoints:
             return ocp.CheckpointManager(self.folder, options=options)
         except Exception as error:  # of orbax's own and those of its JSON
             raise ValueError(
-                f"run: {self.folder} holds a damaged checkpoint ({_brief(error)}); remove its folder"
+                f"run: {self.folder} holds a damaged checkpoint ({first_line(error)}); remove its folder"
             ) from error
 
     @property
@@ -225,7 +225,7 @@ class Checkpoints:
             # Orbax, tensorstore and their codecs each have errors of their own for bytes that are not theirs.
             others = [str(other) for other in self.steps if other != step]
             raise ValueError(
-                f"run: step {step} in {self.folder} is damaged, or of another network ({_brief(error)}); "
+                f"run: step {step} in {self.folder} is damaged, or of another network ({first_line(error)}); "
                 f"remove that folder, and an earlier step is used where one is kept ({', '.join(others) or 'none is'})"
             ) from error
         # Orbax gives arrays in the shapes that they were saved in, whatever was wanted.
@@ -275,8 +275,3 @@ def _other_shape(tree: Any, wanted: Any) -> str:
             name = jax.tree_util.keystr(path, simple=True, separator="/")
             return f"{name} has the shape {leaf.shape} there, and {like.shape} by the settings"
     return ""
-
-
-def _brief(error: Exception) -> str:
-    text = str(error).strip().split("\n")[0] or type(error).__name__
-    return text if len(text) <= 200 else f"{text[:197]}..."

@@ -212,15 +212,17 @@ def simulate_folder(
     )
     names = [dataset.name_of(position) for position in positions]
     announced = Announced(out / "polar", grid, order=names)
-    there = {name for name in names if _is_done(out, name, maker.formats, announced=announced)}
+    there = [
+        name
+        for name in names
+        if name in announced.frames and all(path.is_file() for path in _files(out, name, maker.formats))
+    ]
     sources = {name: stamp_of(dataset, position) for name, position in zip(names, positions, strict=True)}
-    anew = {
-        name: why for name in names if name in there and (why := _anew(out, name, maker.formats, source=sources[name]))
-    }
+    anew = {name: why for name in there if (why := _anew(out, name, maker.formats, source=sources[name]))}
     tell_anew(anew, by="simulate")
     # Of a frame whose pictures nobody asked for before, what they show is simulated again.
     undrawn = {name for name in names[:previews] if not all(path.is_file() for path in pictures_of(out, name))}
-    done = there - {*anew} - undrawn
+    done = {*there} - {*anew} - undrawn
     missing = [position for position, name in zip(positions, names, strict=True) if name not in done]
 
     # Batches.
@@ -255,11 +257,6 @@ def _overlapped(maker: FrameMaker, batches: Sequence[FrameBatch]) -> Iterator[Ma
         yield from prefetch(writer, lambda parts: maker.write(*parts), simulated)
 
 
-def _is_done(out: Path, name: str, formats: Sequence[str], *, announced: Announced) -> bool:
-    """Whether a frame needs not be made: it is announced, and its files are there."""
-    return name in announced.frames and all(path.is_file() for path in _files(out, name, formats))
-
-
 def _anew(out: Path, name: str, formats: Sequence[str], *, source: str) -> str:
     """Why a frame that is there is to be made anew, in words; empty where it may stay."""
     if "bin" in formats and file_of(out / "clouds", name, ".bin", by="simulate").stat().st_size % 16:
@@ -288,17 +285,14 @@ def claim_frames(out: Path, *, fingerprint: str, data: str, seed: int | None, so
     """
     # As the file gives it back: what is compared with it must have lists for tuples.
     made = json.loads(json.dumps({"sensor": fingerprint, "data": data, "seed": seed, "source": source}))
-    unsaid = {"source": made["source"]}
-    note = "sensor is the fingerprint of a trained one: another run has another, and the same run trained on"
-    filled = _has_frames(out)
     claim(
         out / "simulation.json",
         made,
         by="simulate",
         text=json.dumps(made, indent=2),
-        filled=filled,
-        read=lambda record: unsaid | parse_json(record),
-        note=note,
+        filled=_has_frames(out),
+        read=lambda record: {"source": made["source"]} | parse_json(record),
+        note="sensor is the fingerprint of a trained one: another run has another, and the same run trained on",
     )
 
 
@@ -327,8 +321,5 @@ def _has_frames(out: Path) -> bool:
 def _plain(effects_model: SensorModel | None) -> dict[str, Any]:
     """Names and parameters of the effects, as in sensor.json but each by itself."""
     model = effects_model or SensorModel()
-    return {
-        "effects": [name for name, _ in model.effects],
-        "parameters": [dict(parameters) for _, parameters in model.effects],
-        **model.optional(),
-    }
+    names = [name for name, _ in model.effects]
+    return {"effects": names, "parameters": [dict(given) for _, given in model.effects], **model.optional()}

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from jaxsim.config import DataConfig, Experiment, InputName, PrepareConfig
+from jaxsim.config import DataConfig, Experiment, InputName
 from jaxsim.data import open_dataset, select
 from jaxsim.evaluate.intensity import baseline_sums, frechet_line, frechet_of_run, score_pairs
 from jaxsim.frame import Painted, PolarImage
@@ -103,12 +103,6 @@ def _compared(experiment: Experiment) -> dict[str, Any]:
     return {f"{part}.{key}": value for part, config in parts.items() for key, value in vars(config).items()}
 
 
-def labelled_prepare(sensors: Mapping[str, LearnedSensor]) -> PrepareConfig:
-    """How to prepare the frames that all networks are judged on: with labels where any of them sees them."""
-    settings = [sensor.run.experiment.prepare for sensor in sensors.values()]
-    return next((s for s in settings if {"semantic", "edges"} & {*s.inputs}), settings[0])
-
-
 def train_all(
     experiment: str, out: Path, flags: Sequence[str], *, more: Sequence[str] = (), trainer: Sequence[str] = TRAINER
 ) -> list[Path]:
@@ -145,7 +139,10 @@ def compare_networks(
     # Runs: the same frames, targets and settings, other inputs.
     sensors = named_sensors({str(folder): load(folder) for folder in folders})
     experiment = next(iter(sensors.values())).run.experiment
-    data, prepare = experiment.data, labelled_prepare(sensors)
+    # Judged frames have labels where any of the networks sees them.
+    settings = [sensor.run.experiment.prepare for sensor in sensors.values()]
+    prepare = next((s for s in settings if {"semantic", "edges"} & {*s.inputs}), settings[0])
+    data = experiment.data
     recorded = shared_frames(folders, by="ablation")
     predicts = {name: make_predict(s.generate, s.run.experiment.prepare) for name, s in sensors.items()}
 
@@ -164,17 +161,11 @@ def compare_networks(
     rows = []
     for name, sensor in sensors.items():
         scores = score_pairs(predicts[name], sensor.params, judged)
-        settings, frechet = sensor.run.experiment.prepare, None
+        seen, frechet = sensor.run.experiment.prepare, None
         if extractor:
-            frechet = frechet_of_run(
-                sensor.generate,
-                sensor.params,
-                judged,
-                extractor=extractor,
-                prepare=settings,
-                cache=data.cache / "statistics",
-            )
-        rows.append(AblationRow(name, tuple(settings.inputs), scores, frechet))
+            how = {"extractor": extractor, "prepare": seen, "cache": data.cache / "statistics"}
+            frechet = frechet_of_run(sensor.generate, sensor.params, judged, **how)
+        rows.append(AblationRow(name, tuple(seen.inputs), scores, frechet))
         _log.info(f"ablation: {name}: mae {scores['mae'].value:.4f}")
 
     # Pictures: evenly spread over the frames.

@@ -24,15 +24,9 @@ CONFIGS = next(folder for folder in (PACKAGE / "configs", PACKAGE.parent / "conf
 
 
 @cache
-def experiment_names() -> tuple[str, ...]:
-    """Names of the experiments that `jaxsim train` trains."""
-    return tuple(name for name in _names() if hasattr(_module(name), "experiment"))
-
-
-@cache
-def loop_names() -> tuple[str, ...]:
-    """Names of the settings of `jaxsim real2sim2real`."""
-    return tuple(name for name in _names() if hasattr(_module(name), "loop"))
+def experiment_names(of: str = "experiment") -> tuple[str, ...]:
+    """Names of the experiments that `jaxsim train` trains; of a `loop`, of the settings of `jaxsim real2sim2real`."""
+    return tuple(name for name in _names() if hasattr(_module(name), of))
 
 
 def load_experiment(name: str) -> tuple[AnyExperiment, str]:
@@ -57,14 +51,15 @@ def load_loop(name: str) -> tuple[LoopConfig, str]:
 
     Raises ValueError for a name that is unknown, and for a file that holds no such settings.
     """
+    loops = experiment_names("loop")
+    known = ", ".join(loops)
     if name.endswith(".json"):
         if not Path(name).is_file():
-            known = ", ".join(loop_names())
             raise ValueError(f"real2sim2real: no file {name}; name one of {known}, or a loop.json")
         with placed(f"real2sim2real: {name} is no loop.json of this version"):
             return parse_settings(LoopConfig, read_json(name, by="real2sim2real")), f"settings of {name}"
-    if not name.endswith(".py") and name not in loop_names():
-        raise ValueError(f"no Real2Sim2Real {name!r}; there are {', '.join(loop_names())}")
+    if not name.endswith(".py") and name not in loops:
+        raise ValueError(f"no Real2Sim2Real {name!r}; there are {known}")
     module = _module(name)
     if not isinstance(getattr(module, "loop", None), LoopConfig):
         raise ValueError(f"{name} holds no Real2Sim2Real; write `loop = ...` as in {CONFIGS / 'real2sim2real.py'}")

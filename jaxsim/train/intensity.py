@@ -12,9 +12,8 @@ from jaxtyping import PyTree, UInt8
 
 from jaxsim import devices
 from jaxsim.config import Experiment
-from jaxsim.data import Dataset, open_dataset, select
+from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import Changing, batches
-from jaxsim.data.records import PreparedPairs
 from jaxsim.data.seen import warn_of_seen_pairs
 from jaxsim.data.turned import Turned
 from jaxsim.evaluate.intensity import score_pairs
@@ -94,7 +93,11 @@ def intensity_training(experiment: Experiment) -> Training:
         part=jax.process_index(),
         parts=jax.process_count(),
     )
-    sides = _sides(experiment, dataset, chosen) if optim.sides else train[:0]
+    sides = train[:0]
+    if optim.sides:
+        turned = Turned(dataset)
+        # No input is asked for that a side does not have: neither image nor labels.
+        sides = prepared(turned, turned.sides(chosen), data, prepare=replace(prepare, inputs=()))
     learned = train + sides
     pairs = list(learned) if len(learned) <= HELD else learned
     until = round(optim.sides * optim.steps)
@@ -154,13 +157,6 @@ def intensity_training(experiment: Experiment) -> Training:
         finish=finish if experiment.generator.form == "unet" else None,
         hint=f"Scores beside baselines, and pictures: jaxsim eval {folder}",
     )
-
-
-def _sides(experiment: Experiment, dataset: Dataset, positions: list[int]) -> PreparedPairs:
-    """The pairs of the other sides of these frames' scans."""
-    turned = Turned(dataset)
-    # No input is asked for that a side does not have: neither image nor labels.
-    return prepared(turned, turned.sides(positions), experiment.data, prepare=replace(experiment.prepare, inputs=()))
 
 
 def _warn_of_silence(says: Prediction, alone: Prediction, pair: Pair) -> None:

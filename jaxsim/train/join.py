@@ -35,7 +35,8 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
         _check(folder, run, first=runs[0])
     frames = shared_frames(folders, by="join")
     for folder, run in zip(folders, runs, strict=True):
-        _check_sensor(folder, run, folders[0], first=runs[0])
+        if any(getattr(run, name) != getattr(runs[0], name) for name in ("spec", "intrinsics", "cam_from_velo")):
+            raise ValueError(f"join: {folder} has another sensor or camera than {folders[0]}; join runs of one set")
     checkpoints = [Checkpoints(folder) for folder in folders]
     steps = {str(folder): saved.latest for folder, saved in zip(folders, checkpoints, strict=True)}
     if len(set(steps.values())) > 1:
@@ -66,12 +67,6 @@ def _check(folder: Path, run: Run, *, first: Run) -> None:
     plain = kind_of(first).plain
     if differs := list(differences(plain(first.experiment), plain(alike))):
         raise ValueError(f"join: of {folder} {', '.join(differs)}; runs that are joined differ in their seed alone")
-
-
-def _check_sensor(folder: Path, run: Run, other: Path, *, first: Run) -> None:
-    """Raises ValueError where a run is of another sensor than the first."""
-    if (run.spec, run.intrinsics, run.cam_from_velo) != (first.spec, first.intrinsics, first.cam_from_velo):
-        raise ValueError(f"join: {folder} has another sensor or camera than {other}; join runs of one data set")
 
 
 def _as(first: Experiment, other: Experiment) -> Experiment:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from jaxsim.cli.export import Export
-from jaxsim.cli.source import DataSource
+from jaxsim.cli.flags import DataSource
 from jaxsim.config import CloudRecipe
 from jaxsim.effects.chain import SensorModel
 from tests.simulate.made_trees import Six

@@ -11,8 +11,8 @@ import pytest
 
 from jaxsim.cli import discover, stop_on_error
 from jaxsim.cli.discover import Discover
+from jaxsim.cli.flags import DataSource
 from jaxsim.cli.sides import NOT_UNPAIRED, Sides, check_unpaired
-from jaxsim.cli.source import DataSource
 from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame
 from jaxsim.discover import discover_folders

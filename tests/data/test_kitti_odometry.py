@@ -7,8 +7,8 @@ from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import KittiOdometry, open_dataset, select
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs import LogOptions, source_for, write_log
+from jaxsim.data.point_labels import read_point_labels
 from jaxsim.data.polar_frames import open_polar_frames
-from jaxsim.data.semantic_kitti import read_point_labels
 from jaxsim.discover import read_comparison
 from jaxsim.evaluate.baselines import fit_baselines
 from jaxsim.frame import Cloud

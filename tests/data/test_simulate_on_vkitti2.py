@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jaxsim.cli.flags import DataSource
 from jaxsim.cli.simulate import Simulate
-from jaxsim.cli.source import DataSource
 from jaxsim.config import DataConfig
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from jaxsim.config import RunConfig
-from jaxsim.data.kitti_files import read_labels, read_list, read_motion
+from jaxsim.data.kitti_files import read_labels, read_motion
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import check_keys, parse_json, parse_number, parse_settings, read_json, read_text, real
+from jaxsim.files import check_keys, parse_json, parse_number, parse_settings, read_json, read_names, read_text, real
 from jaxsim.metrics.detection.files import frame_list, read_detections
 
 CAR = "Car 0.00 0 1.85 387.63 181.54 423.81 203.12 1.67 1.87 3.69 -16.53 2.39 58.49 1.57"
@@ -21,7 +21,7 @@ def test_a_byte_order_mark_costs_no_label(tmp_path):
     (tmp_path / "0.txt").write_bytes(b"\xef\xbb\xbf" + f"{CAR} 0.5".encode())
     assert read_detections(tmp_path).lower_kind.tolist() == ["car"]
     (tmp_path / "val.list").write_bytes(b"\xef\xbb\xbf000001\n")
-    assert frame_list(tmp_path / "val.list") == read_list(tmp_path / "val.list") == ["000001"]
+    assert frame_list(tmp_path / "val.list") == read_names(tmp_path / "val.list", by="kitti") == ["000001"]
 
 
 def test_text_of_another_encoding_is_named_with_its_line(tmp_path):
@@ -48,9 +48,8 @@ def test_what_python_alone_takes_for_a_number_is_none(tmp_path, word):
 
 def test_a_frame_listed_twice_is_refused(tmp_path):
     (tmp_path / "val.txt").write_text("000001\n000002\n000001\n")
-    for read in (frame_list, read_list):
-        with pytest.raises(ValueError, match="names 000001 more than once"):
-            read(tmp_path / "val.txt")
+    with pytest.raises(ValueError, match="names 000001 more than once"):
+        read_names(tmp_path / "val.txt", by="kitti")
 
 
 @pytest.mark.parametrize(

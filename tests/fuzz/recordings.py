@@ -23,8 +23,6 @@ from jaxsim.data.kitti_files import (
     read_plane,
     read_tracking_labels,
     read_velodyne,
-    tracking_camera,
-    tracking_rect_from_velo,
 )
 from jaxsim.data.kitti_step import KittiStep, read_panoptic
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
@@ -184,10 +182,8 @@ RECORDINGS: dict[str, Reader] = {
     "kitti image": Reader(one("a.png", _png(_RGB)), lambda f: read_image(f / "a.png")),
     "kitti object camera": Reader(one("c.txt", _CALIB), lambda f: object_camera(f / "c.txt", SIZE), within=_NEAR),
     "kitti object rect": Reader(one("c.txt", _CALIB), lambda f: object_rect_from_velo(f / "c.txt"), largest=20),
-    "kitti tracking camera": Reader(
-        one("c.txt", _TRACKING), lambda f: tracking_camera(f / "c.txt", SIZE), within=_NEAR
-    ),
-    "kitti tracking rect": Reader(one("c.txt", _TRACKING), lambda f: tracking_rect_from_velo(f / "c.txt"), largest=20),
+    "kitti tracking camera": Reader(one("c.txt", _TRACKING), lambda f: object_camera(f / "c.txt", SIZE), within=_NEAR),
+    "kitti tracking rect": Reader(one("c.txt", _TRACKING), lambda f: object_rect_from_velo(f / "c.txt"), largest=20),
     "kitti raw camera": Reader(
         small_drive, lambda f: raw_camera(f / "2011_09_26", (12, 40)), ("*/calib*.txt",), within=_NEAR
     ),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export
-from jaxsim.cli.source import DataSource
+from jaxsim.cli.flags import DataSource
 from jaxsim.config import CloudRecipe
 from jaxsim.data import KittiObject
 from jaxsim.data.vkitti2 import VirtualKitti2

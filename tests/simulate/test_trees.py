@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export
-from jaxsim.cli.source import DataSource
+from jaxsim.cli.flags import DataSource
 from jaxsim.cloud.kitti_tree import files_of
 from jaxsim.config import CloudRecipe
 from jaxsim.data import KittiObject

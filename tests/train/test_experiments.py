@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 
 from jaxsim.cli.train import parse_experiment
 from jaxsim.runs.kinds import kind_of
-from jaxsim.train.experiments import experiment_names, load_experiment, loop_names, read_experiment
+from jaxsim.train.experiments import experiment_names, load_experiment, read_experiment
 
 
 @pytest.mark.parametrize("name", ["rgb", "semantic", "edges", "depth"])
@@ -82,7 +82,7 @@ def test_a_file_of_ones_own_is_an_experiment_and_may_build_on_those_of_configs(t
 
 def test_every_experiment_of_configs_has_its_words():
     assert {"synthetic", "demo", "penet_synthetic", "voxel_rcnn_small"} < {*experiment_names()}
-    assert not {*experiment_names()} & {*loop_names()}
+    assert not {*experiment_names()} & {*experiment_names("loop")}
     for name in experiment_names():
         experiment, words = load_experiment(name)
         assert words

@@ -20,7 +20,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from jaxsim.data.logs import files, makers, messages, range_images
-from jaxsim.data.logs.folder import Written, write_log
+from jaxsim.data.logs.folder import write_log
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
 from jaxsim.files import loaded
 
@@ -30,7 +30,6 @@ __all__ = [
     "LogOptions",
     "LogScan",
     "Source",
-    "Written",
     "known_sources",
     "source_for",
     "source_table",
@@ -81,9 +80,6 @@ def source_table() -> str:
     rows = [(name, source.title, source.extra) for name, source in known_sources().items()]
     width = max(len(name) for name, _, _ in rows) + 2
     title = max(len(what) for _, what, _ in rows) + 2
-    return "\n".join(f"{name:<{width}}{what:<{title}}{_install(extra)}".rstrip() for name, what, extra in rows)
-
-
-def _install(extra: str) -> str:
-    """Quoted: some shells take the brackets for a pattern."""
-    return f"pip install 'jaxsim-lidar[{extra}]'" if extra else ""
+    # Quoted: some shells take the brackets for a pattern.
+    install = {extra: f"pip install 'jaxsim-lidar[{extra}]'" if extra else "" for _, _, extra in rows}
+    return "\n".join(f"{name:<{width}}{what:<{title}}{install[extra]}".rstrip() for name, what, extra in rows)

@@ -14,7 +14,7 @@ from jaxsim.data.clouds import SENSOR, compensated_spec, read_scan
 from jaxsim.data.kitti import SCANS
 from jaxsim.data.kitti_files import scan_time
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, offsets, reading, scan_of_fields
-from jaxsim.data.semantic_kitti import labels_of, read_point_labels
+from jaxsim.data.point_labels import labels_of, read_point_labels
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
 from jaxsim.files import files_in, need
 from jaxsim.geometry import preset
@@ -277,9 +277,7 @@ SOURCES: dict[str, Source] = {
         "Velodyne: .pcap", lambda p: p.suffix == ".pcap" and not _is_ouster(p), velodyne_items, "velodyne"
     ),
     "nuscenes": Source(
-        "nuScenes: LIDAR_TOP/*.pcd.bin",
-        lambda p: p.name.endswith(".pcd.bin") or _below(p, "*.pcd.bin"),
-        nuscenes_items,
+        "nuScenes: LIDAR_TOP/*.pcd.bin", lambda p: p.name.endswith(".pcd.bin") or _below(p, "*.pcd.bin"), nuscenes_items
     ),
     "argoverse2": Source(
         "Argoverse 2: sensors/lidar/*.feather",

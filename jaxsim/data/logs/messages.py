@@ -294,21 +294,19 @@ def _osi_detections(detections: Any, options: LogOptions, *, name: str, scene: s
 def _is_osi(path: Path) -> bool:
     if path.suffix in (".osi", ".xz", ".lzma"):
         return True
-    return _is_mcap(path) and any(kind.startswith("osi3.") for kind in mcap_topics(path).values())
-
-
-def _is_mcap(path: Path) -> bool:
     if path.suffix != ".mcap" or not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
-
-
-def _is_ros(path: Path) -> bool:
-    return path.suffix in (".mcap", ".bag", ".db3") or (path / "metadata.yaml").is_file()
+        is_mcap = file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
+    return is_mcap and any(kind.startswith("osi3.") for kind in mcap_topics(path).values())
 
 
 SOURCES: dict[str, Source] = {
     "osi": Source("ASAM OSI traces: .osi, .mcap", _is_osi, osi_items, "osi"),
-    "ros": Source("ROS 2 bags, MCAP and ROS 1 bags with PointCloud2", _is_ros, ros_items, "ros"),
+    "ros": Source(
+        "ROS 2 bags, MCAP and ROS 1 bags with PointCloud2",
+        lambda path: path.suffix in (".mcap", ".bag", ".db3") or (path / "metadata.yaml").is_file(),
+        ros_items,
+        "ros",
+    ),
 }

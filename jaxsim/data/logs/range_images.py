@@ -10,7 +10,7 @@ As a log its rows are bins of elevation more than beams, for the car's motion wa
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
-from jaxsim.data.semantic_kitti import LEARNING_CLASSES
+from jaxsim.data.point_labels import LEARNING_CLASSES
 from jaxsim.files import array_names, files_in, parse_json, read_arrays, read_text
 from jaxsim.geometry.points import FAR_M
 
@@ -65,7 +65,7 @@ def read_range_images(folder: Path) -> list[RangeImage]:
     sizes = {scan.shape[:2] for scan in scans.values()}
     if len(sizes) > 1:
         raise ValueError(f"range images: {folder} holds images of {sorted(sizes)} cells; keep each sensor in a folder")
-    scale = EIGHT_BITS if max(float(scan[..., 3].max()) for scan in scans.values()) > 1 else 1.0
+    scale = _full_scale(scans.values())
     return [_image(name, scan, scale) for name, scan in scans.items()]
 
 
@@ -86,9 +86,9 @@ def class_names(folder: Path, classes: int) -> tuple[str, ...]:
     return tuple(names)
 
 
-def intensity_scale(files: Sequence[Path]) -> float:
-    """What becomes intensity 1 in these files: 255 where one is beyond 1 anywhere."""
-    return EIGHT_BITS if any(float(_scan(path)[..., 3].max()) > 1 for path in files) else 1.0
+def _full_scale(scans: Iterable[Float[np.ndarray, "rows columns 6"]]) -> float:
+    """What becomes intensity 1 in these scans: 255 where one is beyond 1 anywhere."""
+    return EIGHT_BITS if any(float(scan[..., 3].max()) > 1 for scan in scans) else 1.0
 
 
 def _scan(path: Path) -> Float[np.ndarray, "rows columns 6"]:
@@ -133,7 +133,7 @@ def range_image_items(path: Path, options: LogOptions) -> Iterator[Item]:
     """The images of a folder, each a scene of its own, or one file."""
     files = [path] if path.is_file() else range_image_files(path)
     ids = class_ids(options.classes)
-    read = partial(_read, scale=options.full_scale or intensity_scale(files), ids=ids)
+    read = partial(_read, scale=options.full_scale or _full_scale(map(_scan, files)), ids=ids)
     for file in files:
         yield Item(file.stem, partial(read, file), (file,))
 
@@ -185,5 +185,5 @@ def _takes(path: Path) -> bool:
 
 
 SOURCES: dict[str, Source] = {
-    "range_images": Source("range images: NAME.npz of x y z intensity range label", _takes, range_image_items),
+    "range_images": Source("range images: NAME.npz of x y z intensity range label", _takes, range_image_items)
 }

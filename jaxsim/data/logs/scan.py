@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.config.ranges import Checked, Count, Positive
 from jaxsim.data.sweeps import Sweep
-from jaxsim.files import check_size
+from jaxsim.files import check_size, first_line
 from jaxsim.geometry import LidarSpec
 
 RING = ("ring", "laser_number", "channel", "beam", "beam_id", "line", "laser_id", "laserid", "scan_line", "row")
@@ -148,8 +148,7 @@ def reading(by: str, path: Path, hint: str) -> Iterator[None]:
             told = isinstance(error, ValueError) and str(error).startswith(f"{by}:")
             if told or isinstance(error, ModuleNotFoundError):
                 raise
-            first = (str(error).strip() or "no message").splitlines()[0]
-            words = f"{type(error).__name__}: {first[:200]}"
+            words = f"{type(error).__name__}: {first_line(error)}"
             raise ValueError(f"{by}: {path} cannot be read ({words}); {hint}") from error
 
 

@@ -6,7 +6,6 @@ Kinds may be any word here: what is neither of a class nor its neighbour takes n
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from jaxsim.files import file_of, files_in, numbers, read_text
+from jaxsim.files import file_of, files_in, numbers, read_names, read_text
 
 MOST = 1e5
 """No metre, pixel or radian of an object is larger."""
@@ -76,12 +75,10 @@ def frames_with_results(folder: Path) -> list[str]:
 
 
 def frame_list(path: Path) -> list[str]:
-    """Frames of a list such as ImageSets/val.txt, one name a line. Raises ValueError for one without names."""
+    """Frames of a list such as ImageSets/val.txt (`read_names`). Raises ValueError for one without names."""
     if not path.is_file():
         raise ValueError(f"detection: there is no list {path}")
-    names = read_text(path, by="detection").split()
-    if twice := [name for name, times in Counter(names).items() if times > 1]:
-        raise ValueError(f"detection: {path} names {twice[0]} more than once; it would be judged twice")
+    names = read_names(path, by="detection")
     if not names:
         raise ValueError(f"detection: {path} names no frame; it should hold one a line (000001)")
     return names

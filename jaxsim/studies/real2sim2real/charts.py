@@ -246,16 +246,6 @@ def check_text(counts: Counts, first: str) -> str:
     return "\n\n".join([WORDS, *tables])
 
 
-def check_pictures(counts: Counts, first: str) -> dict[str, Canvas | Rgb]:
-    """Name -> picture: drop maps, intensity on `first` and elsewhere, and range, height and intensity on each class."""
-    on = {f"on_{kind.lower()}": kind for kind in classes_in(counts, first)} | {"elsewhere": REST}
-    return {
-        "drops": drop_picture(counts),
-        "intensity": intensity_chart(counts, first),
-        **{name: class_chart(counts, kind) for name, kind in on.items()},
-    }
-
-
 def plain_rows(counts: Counts, kind: str) -> dict[str, dict[str, float | None]]:
     """Measures of one class for JSON, which has no NaN."""
     return {
@@ -271,8 +261,15 @@ def checked_kinds(out: Path) -> tuple[str, ...]:
 
 
 def write_checks(out: Path, counts: Counts, first: str, *, pictures: Mapping[str, Rgb]) -> dict[str, Canvas | Rgb]:
-    """Writes OUT/clouds.md, OUT/clouds.json, and OUT/pictures: those given and those of the checks; gives all."""
-    drawn: dict[str, Canvas | Rgb] = {**pictures, **check_pictures(counts, first)}
+    """Writes OUT/clouds.md, OUT/clouds.json, and OUT/pictures, of which it gives all: those given; drop maps; intensity
+    on `first` and elsewhere; range, height and intensity on each class."""
+    on = {f"on_{kind.lower()}": kind for kind in classes_in(counts, first)} | {"elsewhere": REST}
+    drawn: dict[str, Canvas | Rgb] = {
+        **pictures,
+        "drops": drop_picture(counts),
+        "intensity": intensity_chart(counts, first),
+        **{name: class_chart(counts, kind) for name, kind in on.items()},
+    }
     for name, picture in drawn.items():
         save_figure(out / "pictures", name, picture, words=name.replace("_", " "))
     classes = {kind: plain_rows(counts, kind) for kind in classes_in(counts, first)}

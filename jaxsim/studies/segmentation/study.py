@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from jaxsim.config import QUANTILES, SegmentationConfig
 from jaxsim.data.logs.range_images import RangeImage, class_names, read_range_images
-from jaxsim.files import read_arrays, read_entry, replacing, write_arrays
+from jaxsim.files import read_arrays, read_entry, write_arrays, write_text
 from jaxsim.report.results import markdown_table, number_or_none
 from jaxsim.simulate.grain_fit import fit_intensity
 from jaxsim.studies.segmentation.networks import (
@@ -41,7 +41,6 @@ class Study:
         images: Sequence[RangeImage],
         *,
         judged: Sequence[RangeImage] | None = None,
-        names: Sequence[str] = (),
     ):
         fewest = 3 if judged is None else 2
         if config.parts < fewest or len(images) < config.parts:
@@ -54,7 +53,7 @@ class Study:
         self.images = images
         self.judged = judged
         self.classes = 1 + max(int(image.label.max()) for image in (*images, *(judged or ())))
-        self.names = names or [f"class {number}" for number in range(self.classes)]
+        self.names: Sequence[str] = [f"class {number}" for number in range(self.classes)]
         self.part = np.arange(len(images)) * config.parts // len(images)
         self.rounds: tuple[int | None, ...] = tuple(range(config.parts)) if judged is None else (None,)
         """Parts that are judged one after the other; None: other images, by what learned from all parts."""
@@ -69,8 +68,9 @@ class Study:
                 f"segmentation: images of {judged} have {others[0].range_m.shape} cells, those of {root} "
                 f"{images[0].range_m.shape}; judge frames of the same sensor"
             )
-        classes = 1 + max(int(image.label.max()) for image in (*images, *(others or ())))
-        return cls(config, images, judged=others, names=class_names(root, classes))
+        study = cls(config, images, judged=others)
+        study.names = class_names(root, study.classes)
+        return study
 
     def own(self, part: int) -> list[int]:
         return [int(i) for i in np.flatnonzero(self.part == part)]
@@ -145,8 +145,7 @@ class Study:
         judged = self.to_judge(part)
         told = classify(network, [of_segmentation(image, image.intensity * (kind != "none")) for image in judged])
         confusions = sum(confusion(image.label, guess, self.classes) for image, guess in zip(judged, told, strict=True))
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps({"confusion": np.asarray(confusions).tolist()}))
+        write_text(path, json.dumps({"confusion": np.asarray(confusions).tolist()}))
 
     def iou(self, kind: str) -> Float[np.ndarray, "seeds known"]:
         """IoU of each class over all parts; NaN where a class has no cell. Class 0 is left out."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from jaxsim.studies.real2sim2real import claim_loop
-from jaxsim.train.experiments import load_experiment, load_loop, loop_names
+from jaxsim.train.experiments import experiment_names, load_experiment, load_loop
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def loop(tmp_path):
     return claim_loop(replace(config, out=tmp_path / "loop", seeds=(0, 1)))
 
 
-@pytest.mark.parametrize("name", loop_names())
+@pytest.mark.parametrize("name", experiment_names("loop"))
 def test_every_loop_has_what_the_paper_has(name):
     config, words = load_loop(name)
     assert words.startswith(("Real2Sim2Real", "The paper's Real2Sim2Real"))

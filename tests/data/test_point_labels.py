@@ -1,10 +1,21 @@
-"""Classes of points in the camera's image."""
+"""SemanticKITTI's classes."""
 
 import numpy as np
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.point_classes import classes_in_image
+from jaxsim.data.point_labels import LEARNING_CLASSES, NAME_OF_NUMBER, classes_in_image
 from jaxsim.data.synthetic import kitti_camera
+
+
+def test_every_class_of_the_set_is_one_of_cityscapes():
+    assert {*NAME_OF_NUMBER.values(), *LEARNING_CLASSES} <= {*IDS}
+    assert len(LEARNING_CLASSES) == 20
+    # Of what moves the class is that of what stands.
+    assert [NAME_OF_NUMBER[252], NAME_OF_NUMBER[254], NAME_OF_NUMBER[258]] == [
+        NAME_OF_NUMBER[10],
+        NAME_OF_NUMBER[30],
+        NAME_OF_NUMBER[18],
+    ]
 
 
 def test_a_surface_that_hides_another_from_the_camera_keeps_its_class():
