@@ -1,11 +1,14 @@
 """Fields over the rays of a raster: vectors, and noise that belongs to a place.
 
-A vector field is three component rasters, first axis 3, so that the inner loops run over rays. Noise is hashed from
-integer lattice cells: the same place always looks the same, from whichever sensor it is seen, with no memory and no
-state.
+A vector field is a triple of rasters, one a component. Joined into one array they would cost several times as much: XLA
+on a CPU works out number by number, without vector instructions, what it joins or gathers together. Noise is hashed
+from integer lattice cells: the same place always looks the same, from whichever sensor it is seen, with no memory and
+no state.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import jax.numpy as jnp
 from jaxtyping import Float, Int
@@ -13,33 +16,32 @@ from jaxtyping import Float, Int
 from jaxsim.frame import Array
 
 
-def vector(x: Float[Array, "*r"], y: Float[Array, "*r"], z: Float[Array, "*r"]) -> Float[Array, "3 *r"]:
-    """Joins three components."""
-    return jnp.stack([x, y, z])
+Triple = tuple[Float[Array, "*r"], Float[Array, "*r"], Float[Array, "*r"]]
+"""Components of a vector at every ray."""
+
+Starts = tuple[Float[Array, "*o"], Float[Array, "*o"], Float[Array, "*o"]]
+"""The same, where one number may stand for many rays: of their origins."""
 
 
-def everywhere(v: Float[Array, "3"], raster: Float[Array, "*r"]) -> Float[Array, "3 *1"]:
-    """One vector for all rays: what it is added to becomes a vector field.
-
-    In loops over such fields XLA on a CPU uses vector instructions, which it does not where components that are worked
-    out one by one are joined at the end.
-    """
-    return v.reshape(3, *(1,) * raster.ndim)
+def each(component: Callable[[int], Float[Array, "*r"]]) -> Triple:
+    """The vector field of which `component(i)` is the i-th component."""
+    return component(0), component(1), component(2)
 
 
-def dot(a: Float[Array, "3 *r"], b: Float[Array, "3 *s"]) -> Float[Array, "*r"]:
+def dot(a: Triple, b: Triple | Float[Array, "3"]) -> Float[Array, "*r"]:
     """Scalar product; b may be a single vector."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def unit_vector(v: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+def unit_vector(v: Triple) -> Triple:
     """The direction of v; zero stays zero."""
-    return v / jnp.maximum(jnp.sqrt(dot(v, v)), 1e-9)[None]
+    size = jnp.maximum(jnp.sqrt(dot(v, v)), 1e-9)
+    return each(lambda i: v[i] / size)
 
 
-def rotate(rotation: Float[Array, "3 3"], v: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+def rotate(rotation: Float[Array, "3 3"], v: Triple) -> Triple:
     """Rotates v; written out, because a matrix product may round coarsely on an accelerator."""
-    return vector(*(rotation[i, 0] * v[0] + rotation[i, 1] * v[1] + rotation[i, 2] * v[2] for i in range(3)))
+    return each(lambda i: rotation[i, 0] * v[0] + rotation[i, 1] * v[1] + rotation[i, 2] * v[2])
 
 
 def cell_hash(x: Int[Array, "..."], y: Int[Array, "..."], z: Int[Array, "..."]) -> Float[Array, "..."]:

@@ -19,7 +19,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, smooth_noise3, vector
+from jaxsim.data.synthetic.fields import Triple, cell, cell_hash, each, smooth_noise, smooth_noise3
 from jaxsim.data.synthetic.raycast import Hit
 from jaxsim.data.synthetic.solids import GROUND, LOOK, Pattern, Solids
 from jaxsim.data.synthetic.street import Ground, Street, street_surface
@@ -35,7 +35,7 @@ SHEET, SHEET_NIR = (0.75, 0.75, 0.72), 0.9
 class Surface:
     """Every ray's surface."""
 
-    rgb: Float[Array, "3 h w"]
+    rgb: Triple
     """Linear albedo, 0..1."""
     nir: Float[Array, "h w"]
     """Reflectance at 905 nm."""
@@ -49,8 +49,12 @@ class Surface:
     wet: Bool[Array, "h w"]
     semantic: Int[Array, "h w"]
     instance: Int[Array, "h w"]
-    bend: Float[Array, "3 h w"]
+    bend: Triple
     """What to add to the normal of sheet metal, so that flat faces shine as if they were curved."""
+
+
+Looks = dict[str, list[Float[Array, "h w"]]]
+"""Columns of LOOK at every hit."""
 
 
 class Marks(NamedTuple):
@@ -76,15 +80,15 @@ def surface(solids: Solids, street: Street, hit: Hit, *, pixel_m: Float[Array, "
 
 
 @jax.jit
-def _looks_at(solids: Solids, hit: Hit) -> Float[Array, "columns h w"]:
-    return solids.look.T[:, jnp.minimum(hit.solid, GROUND - 1)]
+def _looks_at(solids: Solids, hit: Hit) -> Looks:
+    solid = jnp.minimum(hit.solid, GROUND - 1)
+    return {name: [column[solid] for column in solids.look.T[columns]] for name, columns in LOOK.items()}
 
 
 @jax.jit
-def _marks(looks: Float[Array, "columns h w"], hit: Hit, pixel_m: Float[Array, "h w"]) -> Marks:
-    look = {name: looks[columns] for name, columns in LOOK.items()}
+def _marks(look: Looks, hit: Hit, pixel_m: Float[Array, "h w"]) -> Marks:
     cos, sin = look["heading"]
-    x, y, z = hit.at - look["centre"]
+    x, y, z = each(lambda i: hit.at[i] - look["centre"][i])
     nx, ny, nz = hit.normal
     # Turned back by the heading, into the object's own frame.
     p = (cos * x + sin * y, cos * y - sin * x, z)
@@ -106,8 +110,7 @@ def _marks(looks: Float[Array, "columns h w"], hit: Hit, pixel_m: Float[Array, "
 
 
 @jax.jit
-def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, ground: Ground) -> Surface:
-    look = {name: looks[columns] for name, columns in LOOK.items()}
+def _compose(look: Looks, marks: Marks, hit: Hit, *, ground: Ground) -> Surface:
     printed = look["pattern"][0] == float(Pattern.SIGN)
 
     def paint(first, second, *, trim: float, glass: float, sheet: float, contrast: float):
@@ -117,23 +120,22 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
         # A sign's sheeting shows its print; a number plate's is white.
         return jnp.where(marks.retro & ~printed, sheet, value)
 
-    rgb = [
-        paint(look["rgb"][i], look["rgb2"][i], trim=TRIM[i], glass=GLASS[i], sheet=SHEET[i], contrast=1.0)
-        for i in range(3)
-    ]
+    def colour(i: int) -> Float[Array, "h w"]:
+        own = paint(look["rgb"][i], look["rgb2"][i], trim=TRIM[i], glass=GLASS[i], sheet=SHEET[i], contrast=1.0)
+        return jnp.where(on_ground, ground.rgb[i], own)
+
     nir = paint(look["nir"][0], look["nir2"][0], trim=TRIM_NIR, glass=GLASS_NIR, sheet=SHEET_NIR, contrast=0.7)
     # Numbers past the solids' stand for the ground and for nothing at all.
     on_ground, in_sky = hit.solid == GROUND, hit.solid > GROUND
     things = ~(on_ground | in_sky)
     painted = things & ~marks.glass & ~marks.trim & ~marks.retro
     metal = (look["pattern"][0] == float(Pattern.CAR_BODY)) | (look["pattern"][0] == float(Pattern.CAR_CABIN))
-    half = look["half"]
-    middle = look["centre"] + jnp.stack([0.0 * half[2], 0.0 * half[2], 0.55 * half[2]])
-    # Flat facets would mirror one patch of sky each: sheet metal is curved.
-    bend = jnp.where((metal & things)[None], 0.22 * (hit.at - middle) / half[1][None], 0.0)
+    _, half_width, height = look["half"]
+    x, y, z = look["centre"]
+    middle = (x, y, z + 0.55 * height)
     semantic = jnp.where(on_ground, ground.semantic, look["semantic"][0].astype(jnp.int32))
     return Surface(
-        rgb=jnp.where(on_ground[None], ground.rgb, vector(*rgb)),
+        rgb=each(colour),
         nir=jnp.clip(jnp.where(on_ground, ground.nir, nir), 0.0, 1.0),
         gloss=jnp.where(things, jnp.where(marks.glass, 0.12, look["gloss"][0]), 0.01),
         glass=things & marks.glass,
@@ -143,7 +145,8 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
         wet=on_ground & ground.wet,
         semantic=jnp.where(in_sky, IDS["sky"], semantic),
         instance=jnp.where(things, look["instance"][0].astype(jnp.int32), 0),
-        bend=bend,
+        # Flat facets would mirror one patch of sky each: sheet metal is curved.
+        bend=each(lambda i: jnp.where(metal & things, 0.22 * (hit.at[i] - middle[i]) / half_width, 0.0)),
     )
 
 
@@ -157,9 +160,12 @@ def _plain(p, pixel_m: Float[Array, "h w"]) -> Marks:
     return Marks(jnp.zeros_like(p[0]), shade, _none(p), _none(p), _none(p))
 
 
-def _leaf(at: Float[Array, "3 h w"]) -> Marks:
-    shade = 0.45 + 0.6 * smooth_noise3(*(at * 1.7)) + 0.5 * smooth_noise3(*(at * 7.0))
-    return Marks(0.6 * smooth_noise3(*(at * 0.8)), shade, _none(at), _none(at), _none(at))
+def _leaf(at: Triple) -> Marks:
+    def clumps(per_m: float) -> Float[Array, "h w"]:
+        return smooth_noise3(*each(lambda i: at[i] * per_m))
+
+    shade = 0.45 + 0.6 * clumps(1.7) + 0.5 * clumps(7.0)
+    return Marks(0.6 * clumps(0.8), shade, _none(at), _none(at), _none(at))
 
 
 def _facade(p, n, half, *, drawn, pixel_m: Float[Array, "h w"]) -> Marks:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.fields import smooth_noise3
+from jaxsim.data.synthetic.fields import Starts, Triple, each, smooth_noise3
 from jaxsim.data.synthetic.normals import normals
 from jaxsim.data.synthetic.solids import FACES, GROUND, LEAF_M, POLYHEDRA, ROUNDS, SKY, Solids
 from jaxsim.data.synthetic.street import Street, cast_ground
@@ -46,9 +46,9 @@ class Hit:
     """Distance in lengths of the ray's direction; SKY_M for the sky."""
     solid: Int[Array, "h w"]
     """Number of the solid, or GROUND, or SKY."""
-    normal: Float[Array, "3 h w"]
+    normal: Triple
     """Unit, outward; up in the sky."""
-    at: Float[Array, "3 h w"]
+    at: Triple
     """The place, in `world`."""
     kerb: Bool[Array, "h w"]
     """The ground's hit is a kerb's face."""
@@ -58,8 +58,8 @@ def nearest_hits(
     solids: Solids,
     street: Street,
     *,
-    origin: Float[Array, "3 h0 w0"],
-    direction: Float[Array, "3 h w"],
+    origin: Starts,
+    direction: Triple,
     candidates: TileSolids,
     tile: tuple[int, int],
 ) -> Hit:
@@ -75,26 +75,26 @@ def nearest_hits(
 @jax.jit
 def _with_ground(
     street: Street,
-    origin: Float[Array, "3 h0 w0"],
-    direction: Float[Array, "3 h w"],
+    origin: Starts,
+    direction: Triple,
     *,
     distance: Float[Array, "h w"],
     code: Int[Array, "h w"],
-) -> tuple[Float[Array, "h w"], Int[Array, "h w"], Float[Array, "3 h w"], Bool[Array, "h w"]]:
+) -> tuple[Float[Array, "h w"], Int[Array, "h w"], Triple, Bool[Array, "h w"]]:
     """Distances, solids and places of what is met first, the ground included; and whether that is a kerb's face."""
     # The ground is no solid: its height is a formula of the place.
     ground, meets, face = cast_ground(street, origin, direction)
     nearer = meets & (ground < distance)
     distance = jnp.where(nearer, ground, distance)
     solid = jnp.where(nearer, GROUND, jnp.where(code < 0, SKY, code // FACES))
-    return distance, solid, origin + distance[None] * direction, nearer & face
+    return distance, solid, each(lambda i: origin[i] + distance * direction[i]), nearer & face
 
 
 @partial(jax.jit, static_argnames="tile")
 def cast_solids(
     solids: Solids,
-    origin: Float[Array, "3 h0 w0"],
-    direction: Float[Array, "3 h w"],
+    origin: Starts,
+    direction: Triple,
     *,
     candidates: TileSolids,
     tile: tuple[int, int],
@@ -103,39 +103,41 @@ def cast_solids(
 
     `candidates` lists the tiles of the raster row by row.
     """
-    rays = _tiled(direction, tile)
+    size = direction[0].shape
+    rays = each(lambda i: _tiled(direction[i], tile))
     # A camera has one origin for all rays, which need not be cut into tiles.
-    starts = origin if origin.shape[1:] == (1, 1) else _tiled(jnp.broadcast_to(origin, direction.shape), tile)
+    alone = origin[0].shape == (1, 1)
+    starts = origin if alone else each(lambda i: _tiled(jnp.broadcast_to(origin[i], size), tile))
 
-    def polyhedra(origin: Array, direction: Array, number: Int[Array, " t"]):
+    def polyhedra(origin: Starts, direction: Triple, number: Int[Array, " t"]):
         enter, face = enter_polyhedron(origin, direction, solids.planes[number])
         return enter, number[:, None] * FACES + face
 
-    def rounds(origin: Array, direction: Array, number: Int[Array, " t"]):
+    def rounds(origin: Starts, direction: Triple, number: Int[Array, " t"]):
         enter = enter_round(
             origin, direction, solids.conics[number], roundness=solids.roundness[number], bore=solids.bore[number]
         )
         return enter, (number[:, None] + POLYHEDRA) * FACES
 
-    def crowns(origin: Array, direction: Array, number: Int[Array, " t"]):
+    def crowns(origin: Starts, direction: Triple, number: Int[Array, " t"]):
         enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], path_m=solids.path_m[number])
         return enter, (number[:, None] + POLYHEDRA + ROUNDS) * FACES
 
-    shape = rays.shape[1:]
+    shape = rays[0].shape
     best = (jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
     lists = (candidates.polyhedra, candidates.rounds, candidates.crowns)
     for kind, (enter, listed) in enumerate(zip((polyhedra, rounds, crowns), lists, strict=True)):
         best = _cast_kind(enter, starts, rays, listed=listed, counts=candidates.counts[:, kind], best=best)
     distance, code = best
-    return _untiled(distance, tile, direction.shape[1:]), _untiled(code, tile, direction.shape[1:])
+    return _untiled(distance, tile, size), _untiled(code, tile, size)
 
 
-def _tiled(raster: Float[Array, "3 h w"], tile: tuple[int, int]) -> Float[Array, "3 t r"]:
-    _, h, w = raster.shape
-    raster = jnp.pad(raster, ((0, 0), (0, -h % tile[0]), (0, -w % tile[1])), mode="edge")
-    down, across = raster.shape[1] // tile[0], raster.shape[2] // tile[1]
-    cut = raster.reshape(3, down, tile[0], across, tile[1]).transpose(0, 1, 3, 2, 4)
-    return cut.reshape(3, down * across, tile[0] * tile[1])
+def _tiled(raster: Float[Array, "h w"], tile: tuple[int, int]) -> Float[Array, "t r"]:
+    h, w = raster.shape
+    raster = jnp.pad(raster, ((0, -h % tile[0]), (0, -w % tile[1])), mode="edge")
+    down, across = raster.shape[0] // tile[0], raster.shape[1] // tile[1]
+    cut = raster.reshape(down, tile[0], across, tile[1]).transpose(0, 2, 1, 3)
+    return cut.reshape(down * across, tile[0] * tile[1])
 
 
 def _untiled(cut: Float[Array, "t r"] | Int[Array, "t r"], tile: tuple[int, int], size: tuple[int, ...]) -> Array:
@@ -146,8 +148,8 @@ def _untiled(cut: Float[Array, "t r"] | Int[Array, "t r"], tile: tuple[int, int]
 
 def _cast_kind(
     enter: Callable[..., tuple[Array, Array]],
-    starts: Float[Array, "3 t0 r0"],
-    rays: Float[Array, "3 t r"],
+    starts: Starts,
+    rays: Triple,
     *,
     listed: Int[Array, "t most"],
     counts: Int[Array, " t"],
@@ -162,8 +164,8 @@ def _cast_kind(
     groups = jnp.pad(order, (0, -len(order) % TOGETHER), mode="edge").reshape(-1, TOGETHER)
 
     def cast(tiles: Int[Array, " together"]) -> tuple[Array, Array]:
-        origin = starts if starts.shape[1:] == (1, 1) else starts[:, tiles]
-        direction, numbers = rays[:, tiles], listed[tiles]
+        origin = starts if starts[0].shape == (1, 1) else each(lambda i: starts[i][tiles])
+        direction, numbers = each(lambda i: rays[i][tiles]), listed[tiles]
 
         def body(k: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:
             return _nearer(best, *enter(origin, direction, numbers[:, k]))
@@ -183,10 +185,10 @@ def _nearer(best, enter: Float[Array, "t r"], code: Int[Array, "..."]):
 
 @jax.jit
 def enter_polyhedron(
-    origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], planes: Float[Array, "t faces 4"]
+    origin: Starts, direction: Triple, planes: Float[Array, "t faces 4"]
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
     """Where each ray enters its tile's polyhedron, SKY_M if it does not, and through which face."""
-    shape = direction.shape[1:]
+    shape = direction[0].shape
     enter, leave = jnp.full(shape, -SKY_M, jnp.float32), jnp.full(shape, SKY_M, jnp.float32)
     face = jnp.zeros(shape, jnp.int32)
     for f in range(FACES):
@@ -204,8 +206,8 @@ def enter_polyhedron(
 
 
 def _span(
-    origin: Float[Array, "3 t0 r0"],
-    direction: Float[Array, "3 t r"],
+    origin: Starts,
+    direction: Triple,
     conic: Float[Array, "t 3 4"],
     *,
     weight: Float[Array, "..."],
@@ -215,7 +217,7 @@ def _span(
     Rays that miss it enter at SKY_M and leave at -SKY_M. `weight` of the third axis: 1 for a ball, 0 for a cylinder.
     """
 
-    def in_frame(v: Float[Array, "3 ..."], *, shift: bool) -> list:
+    def in_frame(v: Starts, *, shift: bool) -> list:
         rows = []
         for i in range(3):
             a, b, c, d = jnp.unstack(conic[:, i, :, None], axis=1)
@@ -236,8 +238,8 @@ def _span(
 
 @jax.jit
 def enter_round(
-    origin: Float[Array, "3 t0 r0"],
-    direction: Float[Array, "3 t r"],
+    origin: Starts,
+    direction: Triple,
     conic: Float[Array, "t 3 4"],
     *,
     roundness: Float[Array, " t"],
@@ -261,8 +263,8 @@ def enter_round(
 
 @jax.jit
 def enter_crown(
-    origin: Float[Array, "3 t0 r0"],
-    direction: Float[Array, "3 t r"],
+    origin: Starts,
+    direction: Triple,
     conic: Float[Array, "t 3 4"],
     *,
     path_m: Float[Array, " t"],

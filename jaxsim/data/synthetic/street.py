@@ -17,7 +17,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.synthetic.fields import cell, cell_hash, everywhere, smooth_noise, vector
+from jaxsim.data.synthetic.fields import Starts, Triple, cell, cell_hash, each, smooth_noise
 from jaxsim.frame import Array
 
 SIDE_STREETS = 2
@@ -27,6 +27,8 @@ HALVINGS = 6
 ROAD, PAVEMENT = IDS["road"], IDS["sidewalk"]
 OPEN_GROUND, TERRAIN = IDS["ground"], IDS["terrain"]
 LINE_M = 0.13
+LINE, SLAB, KERBSTONE = (0.62, 0.62, 0.58), (0.27, 0.27, 0.25), (0.30, 0.29, 0.27)
+GRASS, STRAW = (0.055, 0.10, 0.028), (0.19, 0.17, 0.09)
 WET_RGB, WET_NIR = 0.55, 0.45
 """What a film of water leaves of the albedo."""
 
@@ -63,7 +65,7 @@ class Street:
 class Ground(NamedTuple):
     """The ground at every hit."""
 
-    rgb: Float[Array, "3 h w"]
+    rgb: Triple
     """Linear albedo."""
     nir: Float[Array, "h w"]
     """Reflectance at 905 nm."""
@@ -93,7 +95,7 @@ def past_kerb(street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"]) -> F
 
 
 def cast_ground(
-    street: Street, origin: Float[Array, "3 *o"], direction: Float[Array, "3 *r"]
+    street: Street, origin: Starts, direction: Triple
 ) -> tuple[Float[Array, "*r"], Bool[Array, "*r"], Bool[Array, "*r"]]:
     """Ray parameter of the hit with the ground, whether there is one, and whether it is the kerb's face.
 
@@ -125,7 +127,7 @@ def cast_ground(
 @jax.jit
 def ground_normal(
     street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"], *, face: Bool[Array, "*r"]
-) -> Float[Array, "3 *r"]:
+) -> Triple:
     """Up, and at a kerb's face towards the road."""
     step = 0.02
     here = past_kerb(street, x, y)
@@ -133,12 +135,11 @@ def ground_normal(
     gx = past_kerb(street, x + step, y) - here
     gy = past_kerb(street, x, y + step) - here
     size = jnp.maximum(jnp.sqrt(gx * gx + gy * gy), 1e-6)
-    flat = jnp.zeros_like(x)
-    return vector(*(jnp.where(face, side, top) for side, top in ((-gx / size, 0.0), (-gy / size, 0.0), (flat, 1.0))))
+    return jnp.where(face, -gx / size, 0.0), jnp.where(face, -gy / size, 0.0), jnp.where(face, 0.0, 1.0)
 
 
 def street_surface(
-    street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"]
+    street: Street, at: Triple, kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"]
 ) -> Ground:
     """What the ground is made of. Two jitted steps: what many parts need is worked out once."""
     return _made_of(street, at, kerb, pixel_m=pixel_m, course=_course(street, at))
@@ -158,7 +159,7 @@ class Course(NamedTuple):
 
 
 @jax.jit
-def _course(street: Street, at: Float[Array, "3 h w"]) -> Course:
+def _course(street: Street, at: Triple) -> Course:
     x, y = at[0], at[1]
     seed = street.seed.astype(jnp.int32)
     scales = ((23.0, 23.0, 0), (5.0, 5.0, 3), (0.9, 1.7, 1), (0.11, 0.5, 2))
@@ -168,7 +169,7 @@ def _course(street: Street, at: Float[Array, "3 h w"]) -> Course:
 
 @jax.jit
 def _made_of(
-    street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"], course: Course
+    street: Street, at: Triple, kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"], course: Course
 ) -> Ground:
     x = at[0]
     off, beyond, grain, tuft, blotch, field = course
@@ -188,23 +189,21 @@ def _made_of(
     wet = is_road & (smooth_noise(x * 0.25, off * 0.6, seed + 11) < street.wet)
     is_kerb = kerb | (~is_road & (beyond < 0.16))
     green = (beyond > street.pavement_m) & (street.green > 0.5)
-    line = everywhere(jnp.array((0.62, 0.62, 0.58), jnp.float32), x)
-    slab = everywhere(jnp.array((0.27, 0.27, 0.25), jnp.float32), x)
-    kerbstone = everywhere(jnp.array((0.30, 0.29, 0.27), jnp.float32), x)
-    grass = everywhere(jnp.array((0.055, 0.10, 0.028), jnp.float32), x)
-    straw = everywhere(jnp.array((0.19, 0.17, 0.09), jnp.float32), x)
-    meadow = lawn[None] * (grass + (straw - grass) * dry[None])
-    behind = jnp.where(green[None], meadow, stone[None] * slab)
-    behind = jnp.where(is_kerb[None], kerbstone * (1.0 + 0.5 * fine * grain + 0.3 * blotch)[None], behind)
-    painted = road[None] + (line - road[None]) * paint[None]
-    rgb = jnp.where(is_road[None], painted * jnp.where(wet, WET_RGB, 1.0)[None], behind)
+
+    def colour(i: int) -> Float[Array, "h w"]:
+        meadow = lawn * (GRASS[i] + (STRAW[i] - GRASS[i]) * dry)
+        behind = jnp.where(green, meadow, stone * SLAB[i])
+        behind = jnp.where(is_kerb, KERBSTONE[i] * (1.0 + 0.5 * fine * grain + 0.3 * blotch), behind)
+        painted = road + (LINE[i] - road) * paint
+        return jnp.where(is_road, painted * jnp.where(wet, WET_RGB, 1.0), behind)
+
     nir = road_nir + (0.62 - road_nir) * paint
     behind = jnp.where(green, (0.52 - 0.12 * dry) * (1.0 + 0.5 * (lawn - 1.0)), stone_nir)
     behind = jnp.where(is_kerb, 0.40 * (1.0 + 0.3 * fine * grain + 0.2 * blotch), behind)
     nir = jnp.where(is_road, nir * jnp.where(wet, WET_NIR, 1.0), behind)
     paved_plot = jnp.where(beyond > street.pavement_m + 1.0, OPEN_GROUND, PAVEMENT)
     semantic = jnp.where(is_road, ROAD, jnp.where(is_kerb, PAVEMENT, jnp.where(green, TERRAIN, paved_plot)))
-    return Ground(rgb, nir, semantic.astype(jnp.int32), is_road & (paint > 0.5), wet)
+    return Ground(each(colour), nir, semantic.astype(jnp.int32), is_road & (paint > 0.5), wet)
 
 
 def _asphalt(street: Street, x, off, *, noise, seed):
