@@ -9,7 +9,6 @@ For a convex solid, s runs through an interval [enter, leave]: cut by each plane
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -24,14 +23,19 @@ from jaxsim.data.synthetic.street import Street, cast_ground
 from jaxsim.frame import Array
 
 SKY_M = 1e4
-TOGETHER = 8
-"""Tiles whose rays are cast at a time: they stay in the cache."""
+TOGETHER = 4
+"""Tiles whose rays are cast at a time: they stay in the cache, and need as many trials as the fullest of them."""
 
 
 @struct.dataclass
 class TileSolids:
-    """Solids that each tile's rays may meet: numbers within their kind, and how many of the list count."""
+    """Solids that each tile's rays may meet: numbers within their kind, and how many of the list count.
 
+    Tiles stand by how many solids they list, so that neighbours here need about as many trials.
+    """
+
+    tile: Int[Array, "*t"]
+    """Numbers of the tiles, which are counted row by row."""
     polyhedra: Int[Array, "*t polyhedra"]
     rounds: Int[Array, "*t rounds"]
     crowns: Int[Array, "*t crowns"]
@@ -67,7 +71,20 @@ def nearest_hits(
 
     A sequence of jitted steps: in one program XLA would work out the place of a hit anew for whatever reads it.
     """
-    distance, code = cast_solids(solids, origin, direction, candidates=candidates, tile=tile)
+    met = cast_solids(solids, origin, direction, candidates=candidates, tile=tile)
+    return hits_of(solids, street, met, origin=origin, direction=direction)
+
+
+def hits_of(
+    solids: Solids,
+    street: Street,
+    met: tuple[Float[Array, "h w"], Int[Array, "h w"]],
+    *,
+    origin: Starts,
+    direction: Triple,
+) -> Hit:
+    """Nearest hits of rays, the ground included, of which `cast_solids` or `cast_tiles` say where solids are `met`."""
+    distance, code = met
     distance, solid, at, kerb = _with_ground(street, origin, direction, distance=distance, code=code)
     return Hit(distance, solid, normals(solids, street, code, solid=solid, at=at, kerb=kerb), at, kerb)
 
@@ -99,37 +116,15 @@ def cast_solids(
     candidates: TileSolids,
     tile: tuple[int, int],
 ) -> tuple[Float[Array, "h w"], Int[Array, "h w"]]:
-    """Nearest hit with a solid and its code, FACES * solid + face; SKY_M and a negative code where there is none.
-
-    `candidates` lists the tiles of the raster row by row.
-    """
+    """Nearest hit with a solid and its code, FACES * solid + face; SKY_M and a negative code where there is none."""
     size = direction[0].shape
-    rays = each(lambda i: _tiled(direction[i], tile))
+    rays = each(lambda i: _tiled(direction[i], tile)[candidates.tile])
     # A camera has one origin for all rays, which need not be cut into tiles.
     alone = origin[0].shape == (1, 1)
-    starts = origin if alone else each(lambda i: _tiled(jnp.broadcast_to(origin[i], size), tile))
-
-    def polyhedra(origin: Starts, direction: Triple, number: Int[Array, " t"]):
-        enter, face = enter_polyhedron(origin, direction, solids.planes[number])
-        return enter, number[:, None] * FACES + face
-
-    def rounds(origin: Starts, direction: Triple, number: Int[Array, " t"]):
-        enter = enter_round(
-            origin, direction, solids.conics[number], roundness=solids.roundness[number], bore=solids.bore[number]
-        )
-        return enter, (number[:, None] + POLYHEDRA) * FACES
-
-    def crowns(origin: Starts, direction: Triple, number: Int[Array, " t"]):
-        enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], path_m=solids.path_m[number])
-        return enter, (number[:, None] + POLYHEDRA + ROUNDS) * FACES
-
-    shape = rays[0].shape
-    best = (jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
-    lists = (candidates.polyhedra, candidates.rounds, candidates.crowns)
-    for kind, (enter, listed) in enumerate(zip((polyhedra, rounds, crowns), lists, strict=True)):
-        best = _cast_kind(enter, starts, rays, listed=listed, counts=candidates.counts[:, kind], best=best)
-    distance, code = best
-    return _untiled(distance, tile, size), _untiled(code, tile, size)
+    starts = origin if alone else each(lambda i: _tiled(jnp.broadcast_to(origin[i], size), tile)[candidates.tile])
+    distance, code = cast_tiles(solids, starts, rays, candidates=candidates)
+    place = jnp.argsort(candidates.tile)
+    return _untiled(distance[place], tile, size), _untiled(code[place], tile, size)
 
 
 def _tiled(raster: Float[Array, "h w"], tile: tuple[int, int]) -> Float[Array, "t r"]:
@@ -146,63 +141,105 @@ def _untiled(cut: Float[Array, "t r"] | Int[Array, "t r"], tile: tuple[int, int]
     return raster.reshape(-1, across * tile[1])[: size[0], : size[1]]
 
 
-def _cast_kind(
-    enter: Callable[..., tuple[Array, Array]],
-    starts: Starts,
-    rays: Triple,
-    *,
-    listed: Int[Array, "t most"],
-    counts: Int[Array, " t"],
-    best: tuple[Float[Array, "t r"], Int[Array, "t r"]],
+@jax.jit
+def cast_tiles(
+    solids: Solids, origin: Starts, direction: Triple, *, candidates: TileSolids
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
-    """`best` after solids of one kind: where rays (origin, direction) enter the solids of these numbers, and codes.
+    """The same of rays that stand tile by tile, as in `candidates`."""
+    count = len(candidates.tile)
 
-    A few tiles are worked on at a time, which need as many trials as the fullest of them: so they go by how many
-    solids they list, for beside a tree stands a house.
-    """
-    order = jnp.argsort(counts)
-    groups = jnp.pad(order, (0, -len(order) % TOGETHER), mode="edge").reshape(-1, TOGETHER)
+    def together(leaf: Array) -> Array:
+        leaf = jnp.pad(leaf, ((0, -count % TOGETHER), *((0, 0),) * (leaf.ndim - 1)), mode="edge")
+        return leaf.reshape(-1, TOGETHER, *leaf.shape[1:])
 
-    def cast(tiles: Int[Array, " together"]) -> tuple[Array, Array]:
-        origin = starts if starts[0].shape == (1, 1) else each(lambda i: starts[i][tiles])
-        direction, numbers = each(lambda i: rays[i][tiles]), listed[tiles]
+    alone = origin[0].shape == (1, 1)
+    rays = jax.tree.map(together, (() if alone else origin, direction, candidates))
 
-        def body(k: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:
-            return _nearer(best, *enter(origin, direction, numbers[:, k]))
+    def cast(rays: tuple[Starts | tuple[()], Triple, TileSolids]) -> tuple[Array, Array]:
+        return _cast_together(solids, origin if alone else rays[0], rays[1], candidates=rays[2])
 
-        return jax.lax.fori_loop(0, counts[tiles].max(), body, (best[0][tiles], best[1][tiles]))
-
-    places = jnp.argsort(order)
-    done = jax.lax.map(cast, groups)
-    return tuple(leaf.reshape(-1, leaf.shape[-1])[places] for leaf in done)
+    done = jax.lax.map(cast, rays)
+    return tuple(leaf.reshape(-1, leaf.shape[-1])[:count] for leaf in done)
 
 
-def _nearer(best, enter: Float[Array, "t r"], code: Int[Array, "..."]):
-    distance, codes = best
-    wins = enter < distance
-    return jnp.where(wins, enter, distance), jnp.where(wins, code, codes)
+def _cast_together(
+    solids: Solids, origin: Starts, direction: Triple, *, candidates: TileSolids
+) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
+    """Nearest hits of a few tiles, and their codes."""
+    shape = direction[0].shape
+
+    def polyhedra(number: Int[Array, " t"]) -> tuple[Array, Array]:
+        planes = solids.planes[number]
+        face = entered_face(origin, direction, planes)
+        return enter_polyhedron(origin, direction, planes), number[:, None] * FACES + face
+
+    def rounds(number: Int[Array, " t"]) -> tuple[Array, Array]:
+        conic, roundness, bore = solids.conics[number], solids.roundness[number], solids.bore[number]
+        enter = enter_round(origin, direction, conic, roundness=roundness, bore=bore)
+        return enter, jnp.broadcast_to((number[:, None] + POLYHEDRA) * FACES, shape)
+
+    def crowns(number: Int[Array, " t"]) -> tuple[Array, Array]:
+        enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], path_m=solids.path_m[number])
+        return enter, jnp.broadcast_to((number[:, None] + POLYHEDRA + ROUNDS) * FACES, shape)
+
+    best = last = (jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
+    lists = (candidates.polyhedra, candidates.rounds, candidates.crowns)
+    for kind, (enter, listed) in enumerate(zip((polyhedra, rounds, crowns), lists, strict=True)):
+
+        def trial(k: Int[Array, ""], state, enter=enter, listed=listed):
+            # A trial's own answer counts in the next: compared at once, XLA on a CPU would work it out for both results.
+            best, last = state
+            return _nearer(best, last), enter(listed[:, k])
+
+        best, last = jax.lax.fori_loop(0, candidates.counts[:, kind].max(), trial, (best, last))
+    return _nearer(best, last)
+
+
+def _nearer(best: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
+    wins = other[0] < best[0]
+    return jnp.where(wins, other[0], best[0]), jnp.where(wins, other[1], best[1])
+
+
+def _faces(
+    origin: Starts, direction: Triple, planes: Float[Array, "t faces 4"]
+) -> list[tuple[Float[Array, "t r"], Float[Array, "..."]]]:
+    """Of each face, n.d and w - n.o: a ray meets its plane, n.(o + s d) = w, at s = (w - n.o) / (n.d)."""
+    faces = []
+    for f in range(FACES):
+        nx, ny, nz, w = jnp.unstack(planes[:, f, :, None], axis=1)
+        towards = nx * direction[0] + ny * direction[1] + nz * direction[2]
+        faces.append((towards, w - (nx * origin[0] + ny * origin[1] + nz * origin[2])))
+    return faces
 
 
 @jax.jit
 def enter_polyhedron(
     origin: Starts, direction: Triple, planes: Float[Array, "t faces 4"]
-) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
-    """Where each ray enters its tile's polyhedron, SKY_M if it does not, and through which face."""
+) -> Float[Array, "t r"]:
+    """Where each ray enters its tile's polyhedron, SKY_M if it does not."""
     shape = direction[0].shape
     enter, leave = jnp.full(shape, -SKY_M, jnp.float32), jnp.full(shape, SKY_M, jnp.float32)
+    # Inside is from the last entry to the first exit. Each quotient has one use, so that all is one loop over rays.
+    for towards, room in _faces(origin, direction, planes):
+        into = towards < 0.0
+        enter = jnp.maximum(enter, jnp.where(into, room, SKY_M) / jnp.where(into, towards, -1.0))
+        # A ray along a plane never leaves through it, and on its outer side never enters.
+        away = jnp.where(into, 1.0, jnp.where(towards == 0.0, 1e-30, towards))
+        leave = jnp.minimum(leave, jnp.where(into, SKY_M, room) / away)
+    return jnp.where(jnp.minimum(leave - enter, enter) > 0.0, enter, SKY_M)
+
+
+@jax.jit
+def entered_face(origin: Starts, direction: Triple, planes: Float[Array, "t faces 4"]) -> Int[Array, "t r"]:
+    """Through which face each ray enters its tile's polyhedron, if it does."""
+    shape = direction[0].shape
+    # The last entry, as a fraction whose parts are negative.
+    over, under = jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1.0, jnp.float32)
     face = jnp.zeros(shape, jnp.int32)
-    for f in range(FACES):
-        nx, ny, nz, w = jnp.unstack(planes[:, f, :, None], axis=1)
-        towards = nx * direction[0] + ny * direction[1] + nz * direction[2]
-        # n.(o + s d) = w at s = (w - n.o) / (n.d); inside is from the last entry to the first exit.
-        room = w - (nx * origin[0] + ny * origin[1] + nz * origin[2])
-        s = room / towards
-        later = (towards < 0.0) & (s > enter)
-        enter, face = jnp.where(later, s, enter), jnp.where(later, f, face)
-        leave = jnp.where((towards > 0.0) & (s < leave), s, leave)
-        # A ray along a plane, on its outer side, never enters.
-        leave = jnp.where((towards == 0.0) & (room < 0.0), -SKY_M, leave)
-    return jnp.where((enter < leave) & (enter > 0.0), enter, SKY_M), face
+    for f, (towards, room) in enumerate(_faces(origin, direction, planes)):
+        later = jnp.where(towards < 0.0, room * under - over * towards, -1.0) > 0.0
+        over, under, face = jnp.where(later, room, over), jnp.where(later, towards, under), jnp.where(later, f, face)
+    return face
 
 
 def _span(

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from jaxsim.data.synthetic.fields import Starts, Triple, dot, each, rotate, unit_vector
 from jaxsim.data.synthetic.light import Light, Shadows, develop, lit, map_borders, mirror, open_sky, shade, sky
 from jaxsim.data.synthetic.materials import surface
-from jaxsim.data.synthetic.raycast import Hit, TileSolids, cast_solids, nearest_hits
+from jaxsim.data.synthetic.raycast import Hit, TileSolids, cast_solids, cast_tiles, hits_of, nearest_hits
 from jaxsim.data.synthetic.solids import GROUND, Solids
 from jaxsim.data.synthetic.street import Street
 from jaxsim.frame import Array, PolarGrid
@@ -42,7 +42,7 @@ class LitScene:
 
 @struct.dataclass
 class CameraView:
-    """What lies before a camera."""
+    """What lies before a camera. Of `look`: tile by tile."""
 
     light: Triple
     """RGB as displayed, 0..1, one ray a pixel."""
@@ -119,18 +119,18 @@ def look(
     *,
     cam_pose: Float[Array, "4 4"],
     candidates: TileSolids,
-    size: tuple[int, int],
+    width: int,
 ) -> CameraView:
-    """Renders the view of a pinhole camera; depth is planar, classes are of the pixel's centre.
+    """Renders tiles of the view of a pinhole camera; depth is planar, classes are of the pixel's centre.
 
-    A sequence of jitted steps, each of which leaves its rasters to the next.
+    A sequence of jitted steps, each of which leaves its fields to the next. The tiles are those of an image of that
+    width which `candidates` names, in its order; those at the borders may reach beyond it.
     """
     light = scene.light
-    direction, view, length = _pixel_rays(intrinsics, cam_pose, size=size)
+    direction, view, length = _pixel_rays(intrinsics, cam_pose, tile=candidates.tile, across=-(-width // CAMERA_TILE[1]))
     eye = each(lambda i: cam_pose[i, 3][None, None])
-    hit = nearest_hits(
-        scene.solids, scene.street, origin=eye, direction=direction, candidates=candidates, tile=CAMERA_TILE
-    )
+    met = cast_tiles(scene.solids, eye, direction, candidates=candidates)
+    hit = hits_of(scene.solids, scene.street, met, origin=eye, direction=direction)
     distance_m, pixel_m = _footprints(hit, view, length, focal_px=intrinsics[0, 0])
     seen = surface(scene.solids, scene.street, hit, pixel_m=pixel_m)
     in_sky = hit.solid > GROUND
@@ -152,16 +152,17 @@ def look(
     return CameraView(shown, hit.distance, hit.solid <= GROUND, seen.semantic, seen.instance)
 
 
-@partial(jax.jit, static_argnames="size")
+@partial(jax.jit, static_argnames="across")
 def _pixel_rays(
-    intrinsics: Float[Array, "3 3"], cam_pose: Float[Array, "4 4"], *, size: tuple[int, int]
-) -> tuple[Triple, Triple, Float[Array, "h w"]]:
+    intrinsics: Float[Array, "3 3"], cam_pose: Float[Array, "4 4"], *, tile: Int[Array, " t"], across: int
+) -> tuple[Triple, Triple, Float[Array, "t r"]]:
     """Directions of unit depth, the same at unit length, and the length of the former."""
-    h, w = size
-    u = (jnp.arange(w, dtype=jnp.float32) - intrinsics[0, 2]) / intrinsics[0, 0]
-    v = (jnp.arange(h, dtype=jnp.float32) - intrinsics[1, 2]) / intrinsics[1, 1]
-    across, down = jnp.broadcast_arrays(u[None, :], v[:, None])
-    direction = rotate(cam_pose[:3, :3], (across, down, jnp.ones(size, jnp.float32)))
+    h, w = CAMERA_TILE
+    ray = jnp.arange(h * w, dtype=jnp.int32)[None]
+    u = (tile[:, None] % across * w + ray % w).astype(jnp.float32)
+    v = (tile[:, None] // across * h + ray // w).astype(jnp.float32)
+    x, y = (u - intrinsics[0, 2]) / intrinsics[0, 0], (v - intrinsics[1, 2]) / intrinsics[1, 1]
+    direction = rotate(cam_pose[:3, :3], (x, y, jnp.ones_like(x)))
     length = jnp.sqrt(dot(direction, direction))
     return direction, each(lambda i: direction[i] / length), length
 
