@@ -8,14 +8,18 @@ no state.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from typing import Any
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array
 
-
+BLOCK = 2048
+"""Rays that are worked on at a time."""
 Triple = tuple[Float[Array, "*r"], Float[Array, "*r"], Float[Array, "*r"]]
 """Components of a vector at every ray."""
 
@@ -42,6 +46,36 @@ def unit_vector(v: Triple) -> Triple:
 def rotate(rotation: Float[Array, "3 3"], v: Triple) -> Triple:
     """Rotates v; written out, because a matrix product may round coarsely on an accelerator."""
     return each(lambda i: rotation[i, 0] * v[0] + rotation[i, 1] * v[1] + rotation[i, 2] * v[2])
+
+
+def together(of: int, most: int) -> int:
+    """How many of so many are worked on at a time: a CPU's cache holds `most`, other devices take all."""
+    return min(most, of) if jax.default_backend() == "cpu" else of
+
+
+def in_blocks(work: Callable[..., Any], *fields: Any) -> Any:
+    """`work` of fields over rays (trees of rasters of one shape) by blocks, so that `when` can pass over blocks."""
+    shape = jax.tree.leaves(fields)[0].shape
+    count = math.prod(shape)
+    block = together(count, BLOCK)
+
+    def cut(raster: Array) -> Array:
+        return jnp.pad(raster.reshape(-1), (0, -count % block), mode="edge").reshape(-1, block)
+
+    done = jax.lax.map(lambda some: work(*some), jax.tree.map(cut, fields))
+    return jax.tree.map(lambda raster: raster.reshape(-1)[:count].reshape(shape), done)
+
+
+def when(mask: Bool[Array, "..."], work: Callable[..., Any], *fields: Any) -> Any:
+    """`work` of the fields where the mask holds anywhere, otherwise zeros of its answer's shapes.
+
+    What it gives is also kept once, where XLA on a CPU would work it out anew for whatever reads it.
+    """
+
+    def nothing(*fields: Any) -> Any:
+        return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(work, *fields))
+
+    return jax.lax.cond(mask.any(), work, nothing, *fields)
 
 
 def cell_hash(x: Int[Array, "..."], y: Int[Array, "..."], z: Int[Array, "..."]) -> Float[Array, "..."]:

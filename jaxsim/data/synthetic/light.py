@@ -205,7 +205,9 @@ def develop(
 
     def channel(i: int) -> Float[Array, "*r"]:
         value = jnp.where(in_sky, behind[i], radiance[i])
-        shown = (1.0 - jnp.exp(-light.exposure * jnp.maximum(value, 0.0))) ** (1.0 / 2.2)
+        exposed = 1.0 - jnp.exp(-light.exposure * jnp.maximum(value, 0.0))
+        # A power in two steps, each of which has vector instructions.
+        shown = jnp.where(exposed > 0.0, jnp.exp(jnp.log(exposed) / 2.2), 0.0)
         # An S-shaped curve, as cameras apply for contrast.
         return shown + 0.35 * shown * (1.0 - shown) * (2.0 * shown - 1.0)
 

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.fields import Starts, Triple, each, smooth_noise3
+from jaxsim.data.synthetic.fields import Starts, Triple, each, smooth_noise3, together
 from jaxsim.data.synthetic.normals import normals
 from jaxsim.data.synthetic.solids import FACES, GROUND, LEAF_M, POLYHEDRA, ROUNDS, SKY, Solids
 from jaxsim.data.synthetic.street import Street, cast_ground
@@ -46,15 +46,15 @@ class TileSolids:
 class Hit:
     """What each ray meets first."""
 
-    distance: Float[Array, "h w"]
+    distance: Float[Array, "*r"]
     """Distance in lengths of the ray's direction; SKY_M for the sky."""
-    solid: Int[Array, "h w"]
+    solid: Int[Array, "*r"]
     """Number of the solid, or GROUND, or SKY."""
     normal: Triple
     """Unit, outward; up in the sky."""
     at: Triple
     """The place, in `world`."""
-    kerb: Bool[Array, "h w"]
+    kerb: Bool[Array, "*r"]
     """The ground's hit is a kerb's face."""
 
 
@@ -147,18 +147,18 @@ def cast_tiles(
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
     """The same of rays that stand tile by tile, as in `candidates`."""
     count = len(candidates.tile)
+    some = together(count, TOGETHER)
 
-    def together(leaf: Array) -> Array:
-        leaf = jnp.pad(leaf, ((0, -count % TOGETHER), *((0, 0),) * (leaf.ndim - 1)), mode="edge")
-        return leaf.reshape(-1, TOGETHER, *leaf.shape[1:])
+    def grouped(leaf: Array) -> Array:
+        leaf = jnp.pad(leaf, ((0, -count % some), *((0, 0),) * (leaf.ndim - 1)), mode="edge")
+        return leaf.reshape(-1, some, *leaf.shape[1:])
 
-    alone = origin[0].shape == (1, 1)
-    rays = jax.tree.map(together, (() if alone else origin, direction, candidates))
-
-    def cast(rays: tuple[Starts | tuple[()], Triple, TileSolids]) -> tuple[Array, Array]:
-        return _cast_together(solids, origin if alone else rays[0], rays[1], candidates=rays[2])
-
-    done = jax.lax.map(cast, rays)
+    direction, candidates = jax.tree.map(grouped, (direction, candidates))
+    if origin[0].shape == (1, 1):
+        done = jax.lax.map(lambda of: _cast_together(solids, origin, of[0], candidates=of[1]), (direction, candidates))
+    else:
+        rays = jax.tree.map(grouped, origin), direction, candidates
+        done = jax.lax.map(lambda of: _cast_together(solids, of[0], of[1], candidates=of[2]), rays)
     return tuple(leaf.reshape(-1, leaf.shape[-1])[:count] for leaf in done)
 
 
@@ -187,7 +187,7 @@ def _cast_together(
     for kind, (enter, listed) in enumerate(zip((polyhedra, rounds, crowns), lists, strict=True)):
 
         def trial(k: Int[Array, ""], state, enter=enter, listed=listed):
-            # A trial's own answer counts in the next: compared at once, XLA on a CPU would work it out for both results.
+            # A trial's answer counts in the next: compared at once, XLA on a CPU would work it out for both results.
             best, last = state
             return _nearer(best, last), enter(listed[:, k])
 

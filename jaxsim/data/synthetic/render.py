@@ -127,7 +127,8 @@ def look(
     width which `candidates` names, in its order; those at the borders may reach beyond it.
     """
     light = scene.light
-    direction, view, length = _pixel_rays(intrinsics, cam_pose, tile=candidates.tile, across=-(-width // CAMERA_TILE[1]))
+    across = -(-width // CAMERA_TILE[1])
+    direction, view, length = _pixel_rays(intrinsics, cam_pose, tile=candidates.tile, across=across)
     eye = each(lambda i: cam_pose[i, 3][None, None])
     met = cast_tiles(scene.solids, eye, direction, candidates=candidates)
     hit = hits_of(scene.solids, scene.street, met, origin=eye, direction=direction)

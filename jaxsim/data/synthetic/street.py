@@ -9,6 +9,7 @@ between wet and dry surfaces, Applied Optics 25, 1986).
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -17,7 +18,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.synthetic.fields import Starts, Triple, cell, cell_hash, each, smooth_noise
+from jaxsim.data.synthetic.fields import Starts, Triple, cell, cell_hash, each, in_blocks, smooth_noise, when
 from jaxsim.frame import Array
 
 SIDE_STREETS = 2
@@ -67,12 +68,12 @@ class Ground(NamedTuple):
 
     rgb: Triple
     """Linear albedo."""
-    nir: Float[Array, "h w"]
+    nir: Float[Array, "*r"]
     """Reflectance at 905 nm."""
-    semantic: Int[Array, "h w"]
-    marking: Bool[Array, "h w"]
+    semantic: Int[Array, "*r"]
+    marking: Bool[Array, "*r"]
     """Painted road, as far as the paint is not worn off."""
-    wet: Bool[Array, "h w"]
+    wet: Bool[Array, "*r"]
 
 
 def aside(street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"]) -> Float[Array, "*r"]:
@@ -102,10 +103,21 @@ def cast_ground(
     A ray that clears the upper level over the road and lies under it at the lower level has met a kerb's face: the
     place comes from a bracketed search along the ray.
     """
-    ox, oy, oz = origin
+    start = each(lambda i: jnp.broadcast_to(origin[i], direction[i].shape))
+    return in_blocks(partial(_cast_block, street), start, direction)
+
+
+def _cast_block(street: Street, start: Triple, direction: Triple) -> tuple[Array, Array, Array]:
+    falls = direction[2] < -1e-6
+    t, face = when(falls, partial(_meet_ground, street, falls=falls), start, direction)
+    return t, falls & (t > 0.0), face
+
+
+def _meet_ground(street: Street, start: Triple, direction: Triple, *, falls: Array) -> tuple[Array, Array]:
+    """Ray parameters, and whether they are of a kerb's face; of rays that rise, anything."""
+    ox, oy, oz = start
     dx, dy, dz = direction
-    falls = dz < -1e-6
-    # Rays that do not fall are taken out at the end; until then they must not divide by 0.
+    # Rays that do not fall must not divide by 0.
     steep = jnp.where(falls, dz, -1.0)
     high = (street.kerb_m - oz) / steep
     low = -oz / steep
@@ -119,12 +131,10 @@ def cast_ground(
         outside = past_kerb(street, ox + middle * dx, oy + middle * dy) > 0.0
         return jnp.where(outside, before, middle), jnp.where(outside, middle, after)
 
-    before, after = jax.lax.fori_loop(0, HALVINGS, halve, (high, low))
-    t = jnp.where(on_top, high, jnp.where(face, 0.5 * (before + after), low))
-    return t, falls & (t > 0.0), face
+    before, after = when(face, lambda high, low: jax.lax.fori_loop(0, HALVINGS, halve, (high, low)), high, low)
+    return jnp.where(on_top, high, jnp.where(face, 0.5 * (before + after), low)), face
 
 
-@jax.jit
 def ground_normal(
     street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"], *, face: Bool[Array, "*r"]
 ) -> Triple:
@@ -138,28 +148,21 @@ def ground_normal(
     return jnp.where(face, -gx / size, 0.0), jnp.where(face, -gy / size, 0.0), jnp.where(face, 0.0, 1.0)
 
 
-def street_surface(
-    street: Street, at: Triple, kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"]
-) -> Ground:
-    """What the ground is made of. Two jitted steps: what many parts need is worked out once."""
-    return _made_of(street, at, kerb, pixel_m=pixel_m, course=_course(street, at))
-
-
 class Course(NamedTuple):
     """Where a place of the ground lies in its street, and its noise about 0, from fine to coarse."""
 
-    off: Float[Array, "h w"]
+    off: Float[Array, "*r"]
     """Metres from the middle of the road."""
-    beyond: Float[Array, "h w"]
+    beyond: Float[Array, "*r"]
     """Metres past the kerb."""
-    grain: Float[Array, "h w"]
-    tuft: Float[Array, "h w"]
-    blotch: Float[Array, "h w"]
-    field: Float[Array, "h w"]
+    grain: Float[Array, "*r"]
+    tuft: Float[Array, "*r"]
+    blotch: Float[Array, "*r"]
+    field: Float[Array, "*r"]
 
 
-@jax.jit
-def _course(street: Street, at: Triple) -> Course:
+def ground_course(street: Street, at: Triple) -> Course:
+    """Where places of the ground lie, which many parts of its surface need: a step of its own."""
     x, y = at[0], at[1]
     seed = street.seed.astype(jnp.int32)
     scales = ((23.0, 23.0, 0), (5.0, 5.0, 3), (0.9, 1.7, 1), (0.11, 0.5, 2))
@@ -167,10 +170,10 @@ def _course(street: Street, at: Triple) -> Course:
     return Course(aside(street, x, y), past_kerb(street, x, y), *noise)
 
 
-@jax.jit
-def _made_of(
-    street: Street, at: Triple, kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"], course: Course
+def ground_surface(
+    street: Street, at: Triple, kerb: Bool[Array, "*r"], *, pixel_m: Float[Array, "*r"], course: Course
 ) -> Ground:
+    """What the ground is made of."""
     x = at[0]
     off, beyond, grain, tuft, blotch, field = course
     seed = street.seed.astype(jnp.int32)
@@ -190,7 +193,7 @@ def _made_of(
     is_kerb = kerb | (~is_road & (beyond < 0.16))
     green = (beyond > street.pavement_m) & (street.green > 0.5)
 
-    def colour(i: int) -> Float[Array, "h w"]:
+    def colour(i: int) -> Float[Array, "*r"]:
         meadow = lawn * (GRASS[i] + (STRAW[i] - GRASS[i]) * dry)
         behind = jnp.where(green, meadow, stone * SLAB[i])
         behind = jnp.where(is_kerb, KERBSTONE[i] * (1.0 + 0.5 * fine * grain + 0.3 * blotch), behind)
@@ -237,7 +240,7 @@ def _paving(street: Street, x, off, *, noise, seed):
     return shade, 0.36 * (1.0 + 0.7 * (shade - 1.0))
 
 
-def _markings(street: Street, x, off, *, beyond) -> Float[Array, "h w"]:
+def _markings(street: Street, x, off, *, beyond) -> Float[Array, "*r"]:
     """1 where the road is painted: middle line, edge lines, bays, a zebra crossing, give-way lines."""
 
     def near(value, width):

@@ -86,7 +86,7 @@ def slanted_mask(
 
 
 def solids_by_tile(mask: _Mask, counts: tuple[int, int, int]) -> TileSolids:
-    """Lists of a mask's solids, tile by tile; leaves have tiles first, (down * across, ...), those of most solids last."""
+    """Lists of a mask's solids; leaves have tiles first, (down * across, ...), those of most solids last."""
     flat = mask.reshape(-1, mask.shape[-1])
     kinds = np.split(flat, np.cumsum(counts)[:2], axis=1)
     lists = [_lists(m, room) for m, room in zip(kinds, CAPACITY, strict=True)]
@@ -97,14 +97,18 @@ def solids_by_tile(mask: _Mask, counts: tuple[int, int, int]) -> TileSolids:
 
 
 def in_raster(
-    rows: Sequence[Shaped[np.ndarray, "t r"]], order: Int[np.ndarray, " t"], *, tile: tuple[int, int], size: tuple[int, int]
+    rows: Sequence[Shaped[np.ndarray, "t1 r"]],
+    order: Int[np.ndarray, " t"],
+    *,
+    tile: tuple[int, int],
+    size: tuple[int, int],
 ) -> Shaped[np.ndarray, "h w"]:
     """The raster of values that stand tile by tile: parts one after the other, `order` the tiles' numbers."""
     down, across = -(-size[0] // tile[0]), -(-size[1] // tile[1])
     cut = np.empty((down * across, tile[0] * tile[1]), rows[0].dtype)
     cut[order] = np.concatenate(rows)
     raster = cut.reshape(down, across, *tile).swapaxes(1, 2).reshape(down * tile[0], across * tile[1])
-    return raster[: size[0], : size[1]]
+    return np.ascontiguousarray(raster[: size[0], : size[1]])
 
 
 def _lists(mask: Bool[np.ndarray, "tiles n"], room: int) -> Int[np.ndarray, "tiles room"]:
