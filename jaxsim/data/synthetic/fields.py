@@ -1,45 +1,81 @@
 """Fields over the rays of a raster: vectors, and noise that belongs to a place.
 
-A vector field is three component rasters, first axis 3, so that the inner loops run over rays. Noise is hashed from
-integer lattice cells: the same place always looks the same, from whichever sensor it is seen, with no memory and no
-state.
+A vector field is a triple of rasters, one a component. Joined into one array they would cost several times as much: XLA
+on a CPU works out number by number, without vector instructions, what it joins or gathers together. Noise is hashed
+from integer lattice cells: the same place always looks the same, from whichever sensor it is seen, with no memory and
+no state.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array
 
+BLOCK = 2048
+"""Rays that are worked on at a time."""
+Triple = tuple[Float[Array, "*r"], Float[Array, "*r"], Float[Array, "*r"]]
+"""Components of a vector at every ray."""
 
-def vector(x: Float[Array, "*r"], y: Float[Array, "*r"], z: Float[Array, "*r"]) -> Float[Array, "3 *r"]:
-    """Joins three components."""
-    return jnp.stack([x, y, z])
-
-
-def everywhere(v: Float[Array, "3"], raster: Float[Array, "*r"]) -> Float[Array, "3 *1"]:
-    """One vector for all rays: what it is added to becomes a vector field.
-
-    In loops over such fields XLA on a CPU uses vector instructions, which it does not where components that are worked
-    out one by one are joined at the end.
-    """
-    return v.reshape(3, *(1,) * raster.ndim)
+Starts = tuple[Float[Array, "*o"], Float[Array, "*o"], Float[Array, "*o"]]
+"""The same, where one number may stand for many rays: of their origins."""
 
 
-def dot(a: Float[Array, "3 *r"], b: Float[Array, "3 *s"]) -> Float[Array, "*r"]:
+def each(component: Callable[[int], Float[Array, "*r"]]) -> Triple:
+    """The vector field of which `component(i)` is the i-th component."""
+    return component(0), component(1), component(2)
+
+
+def dot(a: Triple, b: Triple | Float[Array, "3"]) -> Float[Array, "*r"]:
     """Scalar product; b may be a single vector."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def unit_vector(v: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+def unit_vector(v: Triple) -> Triple:
     """The direction of v; zero stays zero."""
-    return v / jnp.maximum(jnp.sqrt(dot(v, v)), 1e-9)[None]
+    size = jnp.maximum(jnp.sqrt(dot(v, v)), 1e-9)
+    return each(lambda i: v[i] / size)
 
 
-def rotate(rotation: Float[Array, "3 3"], v: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+def rotate(rotation: Float[Array, "3 3"], v: Triple) -> Triple:
     """Rotates v; written out, because a matrix product may round coarsely on an accelerator."""
-    return vector(*(rotation[i, 0] * v[0] + rotation[i, 1] * v[1] + rotation[i, 2] * v[2] for i in range(3)))
+    return each(lambda i: rotation[i, 0] * v[0] + rotation[i, 1] * v[1] + rotation[i, 2] * v[2])
+
+
+def together(of: int, most: int) -> int:
+    """How many of so many are worked on at a time: a CPU's cache holds `most`, other devices take all."""
+    return min(most, of) if jax.default_backend() == "cpu" else of
+
+
+def in_blocks(work: Callable[..., Any], *fields: Any) -> Any:
+    """`work` of fields over rays (trees of rasters of one shape) by blocks, so that `when` can pass over blocks."""
+    shape = jax.tree.leaves(fields)[0].shape
+    count = math.prod(shape)
+    block = together(count, BLOCK)
+
+    def cut(raster: Array) -> Array:
+        return jnp.pad(raster.reshape(-1), (0, -count % block), mode="edge").reshape(-1, block)
+
+    done = jax.lax.map(lambda some: work(*some), jax.tree.map(cut, fields))
+    return jax.tree.map(lambda raster: raster.reshape(-1)[:count].reshape(shape), done)
+
+
+def when(mask: Bool[Array, "..."], work: Callable[..., Any], *fields: Any) -> Any:
+    """`work` of the fields where the mask holds anywhere, otherwise zeros of its answer's shapes.
+
+    What it gives is also kept once, where XLA on a CPU would work it out anew for whatever reads it.
+    """
+
+    def nothing(*fields: Any) -> Any:
+        return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(work, *fields))
+
+    return jax.lax.cond(mask.any(), work, nothing, *fields)
 
 
 def cell_hash(x: Int[Array, "..."], y: Int[Array, "..."], z: Int[Array, "..."]) -> Float[Array, "..."]:

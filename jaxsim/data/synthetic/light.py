@@ -15,7 +15,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.fields import dot, everywhere, smooth_noise, vector
+from jaxsim.data.synthetic.fields import Triple, dot, each, smooth_noise
 from jaxsim.frame import Array
 
 BEHIND_M = 12.0
@@ -71,7 +71,7 @@ def map_place(
 
 @jax.jit
 def lit(
-    shadows: Shadows, light: Light, at: Float[Array, "3 *r"], *, normal: Float[Array, "3 *r"]
+    shadows: Shadows, light: Light, at: Triple, *, normal: Triple
 ) -> Float[Array, "*r"]:
     """Share of the sun that reaches each point, from its four cells of the map."""
     x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
@@ -87,7 +87,7 @@ def lit(
 
 
 @jax.jit
-def open_sky(shadows: Shadows, at: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
+def open_sky(shadows: Shadows, at: Triple, normal: Triple) -> Float[Array, "*r"]:
     """Share of the sky that flat ground sees past what stands on it; 1 for all that stands."""
     x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
     hidden = _mean_of_four(shadows.covered, x, y, what=lambda covered: covered)
@@ -116,13 +116,13 @@ def _mean_of_four(
     return total
 
 
-def sky(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+def sky(light: Light, direction: Triple) -> Triple:
     """Radiance of the sky in unit directions; below the horizon, that of the horizon."""
     return _veiled(light, direction, mass=_clouds(light, direction))
 
 
 @jax.jit
-def _clouds(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
+def _clouds(light: Light, direction: Triple) -> Float[Array, "*r"]:
     up = jnp.maximum(direction[2], 0.0)
     # Clouds lie on a plane overhead: towards the horizon they are seen edge on, and shrink.
     flat = 1.0 / (up + 0.12)
@@ -133,40 +133,42 @@ def _clouds(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "*r"]
 
 
 @jax.jit
-def _veiled(light: Light, direction: Float[Array, "3 *r"], *, mass: Float[Array, "*r"]) -> Float[Array, "3 *r"]:
+def _veiled(light: Light, direction: Triple, *, mass: Float[Array, "*r"]) -> Triple:
     up = jnp.maximum(direction[2], 0.0)
     # Above what the weather leaves open, their mass covers the blue.
     veil = jnp.clip((mass - 0.78 + 0.7 * light.cloud) * 4.0, 0.0, 1.0)
-    blue = jnp.sqrt(jnp.clip(up * 1.5, 0.0, 1.0))[None]
+    blue = jnp.sqrt(jnp.clip(up * 1.5, 0.0, 1.0))
     towards_sun = jnp.maximum(dot(direction, light.sun), 0.0)
-    glow = (0.25 * towards_sun**8)[None]
-    sun = everywhere(light.sun_rgb, up)
-    horizon = everywhere(light.horizon_rgb, up)
-    zenith = everywhere(light.zenith_rgb, up)
-    clear = horizon + (zenith - horizon) * blue + glow * sun
-    white = (0.72 + 0.28 * mass)[None] * (horizon * 0.8 + 0.22 * sun)
-    return clear + (white - clear) * veil[None]
+    glow = 0.25 * towards_sun**8
+
+    def colour(i: int) -> Float[Array, "*r"]:
+        sun, horizon, zenith = light.sun_rgb[i], light.horizon_rgb[i], light.zenith_rgb[i]
+        clear = horizon + (zenith - horizon) * blue + glow * sun
+        white = (0.72 + 0.28 * mass) * (horizon * 0.8 + 0.22 * sun)
+        return clear + (white - clear) * veil
+
+    return each(colour)
 
 
-def mirror(view: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+def mirror(view: Triple, normal: Triple) -> Triple:
     """Directions that are seen in mirrors with those normals."""
     facing = dot(view, normal)
-    return vector(*(view[i] - 2.0 * facing * normal[i] for i in range(3)))
+    return each(lambda i: view[i] - 2.0 * facing * normal[i])
 
 
 @jax.jit
 def shade(
     light: Light,
-    rgb: Float[Array, "3 *r"],
+    rgb: Triple,
     gloss: Float[Array, "*r"],
     *,
-    view: Float[Array, "3 *r"],
-    normal: Float[Array, "3 *r"],
-    mirrored: Float[Array, "3 *r"],
+    view: Triple,
+    normal: Triple,
+    mirrored: Triple,
     sunlit: Float[Array, "*r"],
     sky_open: Float[Array, "*r"],
     distance_m: Float[Array, "*r"],
-) -> Float[Array, "3 *r"]:
+) -> Triple:
     """Radiance towards the eye of surfaces seen along unit directions `view`; `mirrored` is the sky in their mirror."""
     facing = dot(view, normal)
     sun = jnp.maximum(dot(normal, light.sun), 0.0) * sunlit
@@ -183,23 +185,30 @@ def shade(
     glint = jnp.maximum(dot(away, light.sun), 0.0) ** 120 * sunlit
     # Haze takes light away by distance, and gives the horizon's instead.
     clear = jnp.exp(-distance_m / light.haze_m)
-    out = []
-    for i in range(3):
+
+    def colour(i: int) -> Float[Array, "*r"]:
         sky_rgb = 0.5 * (light.zenith_rgb[i] + light.horizon_rgb[i])
         ground = 0.16 * (light.sun_rgb[i] * light.sun[2] + sky_rgb)
         value = rgb[i] * (light.sun_rgb[i] * sun + sky_rgb * above + ground * below)
         around = mirrored[i] * (1.0 - 0.8 * houses)
         value = value + fresnel * (around - value) + 4.0 * gloss * glint * light.sun_rgb[i]
-        out.append(light.horizon_rgb[i] + (value - light.horizon_rgb[i]) * clear)
-    return vector(*out)
+        return light.horizon_rgb[i] + (value - light.horizon_rgb[i]) * clear
+
+    return each(colour)
 
 
 @jax.jit
 def develop(
-    light: Light, radiance: Float[Array, "3 *r"], behind: Float[Array, "3 *r"], *, in_sky: Bool[Array, "*r"]
-) -> Float[Array, "3 *r"]:
+    light: Light, radiance: Triple, behind: Triple, *, in_sky: Bool[Array, "*r"]
+) -> Triple:
     """Display values 0..1 of surfaces, and of the sky behind them: exposure, a film's shoulder, sRGB's gamma."""
-    value = jnp.where(in_sky[None], behind, radiance)
-    shown = (1.0 - jnp.exp(-light.exposure * jnp.maximum(value, 0.0))) ** (1.0 / 2.2)
-    # An S-shaped curve, as cameras apply for contrast.
-    return shown + 0.35 * shown * (1.0 - shown) * (2.0 * shown - 1.0)
+
+    def channel(i: int) -> Float[Array, "*r"]:
+        value = jnp.where(in_sky, behind[i], radiance[i])
+        exposed = 1.0 - jnp.exp(-light.exposure * jnp.maximum(value, 0.0))
+        # A power in two steps, each of which has vector instructions.
+        shown = jnp.where(exposed > 0.0, jnp.exp(jnp.log(exposed) / 2.2), 0.0)
+        # An S-shaped curve, as cameras apply for contrast.
+        return shown + 0.35 * shown * (1.0 - shown) * (2.0 * shown - 1.0)
+
+    return each(channel)

@@ -11,6 +11,8 @@ of one metre survives the size of a pixel (1 all, 0 none).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -19,10 +21,10 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, smooth_noise3, vector
+from jaxsim.data.synthetic.fields import Triple, cell, cell_hash, each, in_blocks, smooth_noise, smooth_noise3, when
 from jaxsim.data.synthetic.raycast import Hit
 from jaxsim.data.synthetic.solids import GROUND, LOOK, Pattern, Solids
-from jaxsim.data.synthetic.street import Ground, Street, street_surface
+from jaxsim.data.synthetic.street import Course, Ground, Street, ground_course, ground_surface
 from jaxsim.frame import Array
 
 FLOOR_M = 2.9
@@ -35,79 +37,98 @@ SHEET, SHEET_NIR = (0.75, 0.75, 0.72), 0.9
 class Surface:
     """Every ray's surface."""
 
-    rgb: Float[Array, "3 h w"]
+    rgb: Triple
     """Linear albedo, 0..1."""
-    nir: Float[Array, "h w"]
+    nir: Float[Array, "*r"]
     """Reflectance at 905 nm."""
-    gloss: Float[Array, "h w"]
+    gloss: Float[Array, "*r"]
     """Share of the light that is mirrored head on."""
-    glass: Bool[Array, "h w"]
-    retro: Bool[Array, "h w"]
-    absorbing: Bool[Array, "h w"]
+    glass: Bool[Array, "*r"]
+    retro: Bool[Array, "*r"]
+    absorbing: Bool[Array, "*r"]
     """Paint that returns hardly anything at 905 nm."""
-    marking: Bool[Array, "h w"]
-    wet: Bool[Array, "h w"]
-    semantic: Int[Array, "h w"]
-    instance: Int[Array, "h w"]
-    bend: Float[Array, "3 h w"]
+    marking: Bool[Array, "*r"]
+    wet: Bool[Array, "*r"]
+    semantic: Int[Array, "*r"]
+    instance: Int[Array, "*r"]
+    bend: Triple
     """What to add to the normal of sheet metal, so that flat faces shine as if they were curved."""
+
+
+Looks = dict[str, list[Float[Array, "*r"]]]
+"""Columns of LOOK at every hit."""
 
 
 class Marks(NamedTuple):
     """What a pattern decides, place by place: share of the second paint, brightness, and special materials."""
 
-    second: Float[Array, "h w"]
-    shade: Float[Array, "h w"]
-    trim: Bool[Array, "h w"]
-    glass: Bool[Array, "h w"]
-    retro: Bool[Array, "h w"]
-
-
-def surface(solids: Solids, street: Street, hit: Hit, *, pixel_m: Float[Array, "h w"]) -> Surface:
-    """The surface at every hit; `pixel_m` is the size of a pixel there.
-
-    A sequence of jitted steps, not one: XLA on a CPU would fuse the gather and the patterns into each of their
-    users and compute them many times over.
-    """
-    looks = _looks_at(solids, hit)
-    marks = _marks(looks, hit, pixel_m)
-    ground = street_surface(street, hit.at, hit.kerb, pixel_m=pixel_m)
-    return _compose(looks, marks, hit, ground=ground)
+    second: Float[Array, "*r"]
+    shade: Float[Array, "*r"]
+    trim: Bool[Array, "*r"]
+    glass: Bool[Array, "*r"]
+    retro: Bool[Array, "*r"]
 
 
 @jax.jit
-def _looks_at(solids: Solids, hit: Hit) -> Float[Array, "columns h w"]:
-    return solids.look.T[:, jnp.minimum(hit.solid, GROUND - 1)]
+def surface(solids: Solids, street: Street, hit: Hit, *, pixel_m: Float[Array, "*r"]) -> Surface:
+    """The surface at every hit; `pixel_m` is the size of a pixel there."""
+    return in_blocks(lambda hit, pixel_m: _block(solids, street, hit, pixel_m=pixel_m), hit, pixel_m)
 
 
-@jax.jit
-def _marks(looks: Float[Array, "columns h w"], hit: Hit, pixel_m: Float[Array, "h w"]) -> Marks:
-    look = {name: looks[columns] for name, columns in LOOK.items()}
-    cos, sin = look["heading"]
-    x, y, z = hit.at - look["centre"]
-    nx, ny, nz = hit.normal
-    # Turned back by the heading, into the object's own frame.
-    p = (cos * x + sin * y, cos * y - sin * x, z)
-    n = (cos * nx + sin * ny, cos * ny - sin * nx, nz)
+def _block(solids: Solids, street: Street, hit: Hit, *, pixel_m: Float[Array, "*r"]) -> Surface:
+    """Patterns, and the ground, are worked out where the block holds some of them."""
+    on_ground, things = hit.solid == GROUND, hit.solid < GROUND
+    look = when(things, partial(_looks_at, solids), hit.solid)
+    marks = _marks(look, hit, pixel_m=pixel_m, things=things)
+    course = when(on_ground, partial(ground_course, street), hit.at)
+
+    def made_of(hit: Hit, pixel_m: Array, course: Course) -> Ground:
+        return ground_surface(street, hit.at, hit.kerb, pixel_m=pixel_m, course=course)
+
+    ground = when(on_ground, made_of, hit, pixel_m, course)
+    return _compose(look, marks, hit, ground=ground)
+
+
+def _looks_at(solids: Solids, solid: Int[Array, "*r"]) -> Looks:
+    solid = jnp.minimum(solid, GROUND - 1)
+    return {name: [column[solid] for column in solids.look.T[columns]] for name, columns in LOOK.items()}
+
+
+def _marks(look: Looks, hit: Hit, *, pixel_m: Float[Array, "*r"], things: Bool[Array, "*r"]) -> Marks:
     pattern, seed = look["pattern"][0].astype(jnp.int32), look["seed"][0].astype(jnp.int32)
     half, extra = look["half"], look["extra"]
-    marks = _plain(p, pixel_m)
-    for code, marked in (
-        (Pattern.FACADE, _facade(p, n, half, drawn=(seed, extra), pixel_m=pixel_m)),
-        (Pattern.CAR_BODY, _car_body(p, n, half, extra=extra)),
-        (Pattern.CAR_CABIN, _car_cabin(p, n, half, extra=extra)),
-        (Pattern.WHEEL, _wheel(p, n, extra)),
-        (Pattern.LEAF, _leaf(hit.at)),
-        (Pattern.SIGN, _sign(p, n, half, extra=extra)),
-        (Pattern.TRUCK_BOX, _truck_box(p, n, half)),
-    ):
-        marks = Marks(*(jnp.where(pattern == code, new, old) for new, old in zip(marked, marks, strict=True)))
+
+    def in_own_frame(look: Looks, hit: Hit) -> tuple[Triple, Triple]:
+        # Turned back by the heading, into the object's own frame.
+        cos, sin = look["heading"]
+        x, y, z = each(lambda i: hit.at[i] - look["centre"][i])
+        nx, ny, nz = hit.normal
+        return (cos * x + sin * y, cos * y - sin * x, z), (cos * nx + sin * ny, cos * ny - sin * nx, nz)
+
+    p, n = when(things, in_own_frame, look, hit)
+    marked: dict[int, Callable[[Triple, Triple], Marks]] = {
+        Pattern.PLAIN: (lambda p, n: _plain(p, pixel_m)),
+        Pattern.FACADE: (lambda p, n: _facade(p, n, half, drawn=(seed, extra), pixel_m=pixel_m)),
+        Pattern.CAR_BODY: (lambda p, n: _car_body(p, n, half, extra=extra)),
+        Pattern.CAR_CABIN: (lambda p, n: _car_cabin(p, n, half, extra=extra)),
+        Pattern.WHEEL: (lambda p, n: _wheel(p, n, extra)),
+        Pattern.LEAF: (lambda p, n: _leaf(hit.at)),
+        Pattern.SIGN: (lambda p, n: _sign(p, n, half, extra=extra)),
+        Pattern.TRUCK_BOX: (lambda p, n: _truck_box(p, n, half)),
+    }
+    no, zero = jnp.zeros(pattern.shape, bool), jnp.zeros(pattern.shape, jnp.float32)
+    marks = Marks(zero, zero, no, no, no)
+    for code, work in marked.items():
+        here = things & (pattern == code)
+
+        def paint(p, n, marks, here=here, work=work) -> Marks:
+            return Marks(*(jnp.where(here, new, old) for new, old in zip(work(p, n), marks, strict=True)))
+
+        marks = jax.lax.cond(here.any(), paint, lambda p, n, marks: marks, p, n, marks)
     return marks
 
 
-@jax.jit
-def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, ground: Ground) -> Surface:
-    look = {name: looks[columns] for name, columns in LOOK.items()}
+def _compose(look: Looks, marks: Marks, hit: Hit, *, ground: Ground) -> Surface:
     printed = look["pattern"][0] == float(Pattern.SIGN)
 
     def paint(first, second, *, trim: float, glass: float, sheet: float, contrast: float):
@@ -117,23 +138,22 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
         # A sign's sheeting shows its print; a number plate's is white.
         return jnp.where(marks.retro & ~printed, sheet, value)
 
-    rgb = [
-        paint(look["rgb"][i], look["rgb2"][i], trim=TRIM[i], glass=GLASS[i], sheet=SHEET[i], contrast=1.0)
-        for i in range(3)
-    ]
+    def colour(i: int) -> Float[Array, "*r"]:
+        own = paint(look["rgb"][i], look["rgb2"][i], trim=TRIM[i], glass=GLASS[i], sheet=SHEET[i], contrast=1.0)
+        return jnp.where(on_ground, ground.rgb[i], own)
+
     nir = paint(look["nir"][0], look["nir2"][0], trim=TRIM_NIR, glass=GLASS_NIR, sheet=SHEET_NIR, contrast=0.7)
     # Numbers past the solids' stand for the ground and for nothing at all.
     on_ground, in_sky = hit.solid == GROUND, hit.solid > GROUND
     things = ~(on_ground | in_sky)
     painted = things & ~marks.glass & ~marks.trim & ~marks.retro
     metal = (look["pattern"][0] == float(Pattern.CAR_BODY)) | (look["pattern"][0] == float(Pattern.CAR_CABIN))
-    half = look["half"]
-    middle = look["centre"] + jnp.stack([0.0 * half[2], 0.0 * half[2], 0.55 * half[2]])
-    # Flat facets would mirror one patch of sky each: sheet metal is curved.
-    bend = jnp.where((metal & things)[None], 0.22 * (hit.at - middle) / half[1][None], 0.0)
+    _, half_width, height = look["half"]
+    x, y, z = look["centre"]
+    middle = (x, y, z + 0.55 * height)
     semantic = jnp.where(on_ground, ground.semantic, look["semantic"][0].astype(jnp.int32))
     return Surface(
-        rgb=jnp.where(on_ground[None], ground.rgb, vector(*rgb)),
+        rgb=each(colour),
         nir=jnp.clip(jnp.where(on_ground, ground.nir, nir), 0.0, 1.0),
         gloss=jnp.where(things, jnp.where(marks.glass, 0.12, look["gloss"][0]), 0.01),
         glass=things & marks.glass,
@@ -143,26 +163,30 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
         wet=on_ground & ground.wet,
         semantic=jnp.where(in_sky, IDS["sky"], semantic),
         instance=jnp.where(things, look["instance"][0].astype(jnp.int32), 0),
-        bend=bend,
+        # Flat facets would mirror one patch of sky each: sheet metal is curved.
+        bend=each(lambda i: jnp.where(metal & things, 0.22 * (hit.at[i] - middle[i]) / half_width, 0.0)),
     )
 
 
-def _none(p) -> Bool[Array, "h w"]:
+def _none(p) -> Bool[Array, "*r"]:
     return jnp.zeros(p[0].shape, bool)
 
 
-def _plain(p, pixel_m: Float[Array, "h w"]) -> Marks:
+def _plain(p, pixel_m: Float[Array, "*r"]) -> Marks:
     fine = jnp.clip(1.0 - 6.0 * pixel_m, 0.0, 1.0)
     shade = 1.0 + 0.25 * fine * (smooth_noise3(p[0] * 6.0, p[1] * 6.0, p[2] * 6.0) - 0.5)
     return Marks(jnp.zeros_like(p[0]), shade, _none(p), _none(p), _none(p))
 
 
-def _leaf(at: Float[Array, "3 h w"]) -> Marks:
-    shade = 0.45 + 0.6 * smooth_noise3(*(at * 1.7)) + 0.5 * smooth_noise3(*(at * 7.0))
-    return Marks(0.6 * smooth_noise3(*(at * 0.8)), shade, _none(at), _none(at), _none(at))
+def _leaf(at: Triple) -> Marks:
+    def clumps(per_m: float) -> Float[Array, "*r"]:
+        return smooth_noise3(*each(lambda i: at[i] * per_m))
+
+    shade = 0.45 + 0.6 * clumps(1.7) + 0.5 * clumps(7.0)
+    return Marks(0.6 * clumps(0.8), shade, _none(at), _none(at), _none(at))
 
 
-def _facade(p, n, half, *, drawn, pixel_m: Float[Array, "h w"]) -> Marks:
+def _facade(p, n, half, *, drawn, pixel_m: Float[Array, "*r"]) -> Marks:
     """Floors of windows; doors and shops below; a roof of tiles. extra: width of a window's bay, style 0..1."""
     seed, (bay, style) = drawn
     roof = n[2] > 0.25

@@ -1,82 +1,82 @@
 """Which way the surface looks that a ray has met, by its kind: faces, rounds, leaves, the ground.
 
-Each step is a program of its own: fused into one, XLA on a CPU works out what several components need anew for each,
-and without vector instructions where it joins them.
+Each kind is worked out in those blocks of rays alone that hold some of it.
 """
 
 from __future__ import annotations
+
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.fields import everywhere, smooth_noise3, unit_vector, vector
+from jaxsim.data.synthetic.fields import Triple, each, in_blocks, smooth_noise3, unit_vector, when
 from jaxsim.data.synthetic.solids import CROWNS, FACES, GROUND, LEAF_M, POLYHEDRA, ROUNDS, Solids
 from jaxsim.data.synthetic.street import Street, ground_normal
 from jaxsim.frame import Array
 
 
+@jax.jit
 def normals(
     solids: Solids,
     street: Street,
-    code: Int[Array, "h w"],
+    code: Int[Array, "*r"],
     *,
-    solid: Int[Array, "h w"],
-    at: Float[Array, "3 h w"],
-    kerb: Bool[Array, "h w"],
-) -> Float[Array, "3 h w"]:
+    solid: Int[Array, "*r"],
+    at: Triple,
+    kerb: Bool[Array, "*r"],
+) -> Triple:
     """Unit normals, outward, by the codes and solids of `raycast`, the places, and where these are a kerb's face."""
-    smooth = _round_normal(_conics_at(solids, jnp.clip(solid - POLYHEDRA, 0, ROUNDS + CROWNS - 1)), at)
-    ground = ground_normal(street, at[0], at[1], face=kerb)
-    return _by_kind(_face_normal(solids, code), smooth, _leafy(smooth, _leaf_turn(at)), ground=ground, solid=solid)
+
+    def block(code: Int[Array, "*r"], solid: Int[Array, "*r"], at: Triple, kerb: Bool[Array, "*r"]) -> Triple:
+        return _by_kind(solids, street, code, solid=solid, at=at, kerb=kerb)
+
+    return in_blocks(block, code, solid, at, kerb)
 
 
-@jax.jit
-def _face_normal(solids: Solids, code: Int[Array, "h w"]) -> Float[Array, "3 h w"]:
-    # The code of a hit with a polyhedron is the number of its plane among all of them.
-    planes = solids.planes[:, :, :3].reshape(-1, 3).T
-    return planes[:, jnp.where((code >= 0) & (code < POLYHEDRA * FACES), code, 0)]
-
-
-@jax.jit
-def _leafy(normal: Float[Array, "3 h w"], turn: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
-    return unit_vector(normal + 2.2 * turn)
-
-
-@jax.jit
 def _by_kind(
-    face: Float[Array, "3 h w"],
-    smooth: Float[Array, "3 h w"],
-    leafy: Float[Array, "3 h w"],
+    solids: Solids,
+    street: Street,
+    code: Int[Array, "*r"],
     *,
-    ground: Float[Array, "3 h w"],
-    solid: Int[Array, "h w"],
-) -> Float[Array, "3 h w"]:
-    normal = jnp.where((solid >= POLYHEDRA + ROUNDS)[None], leafy, smooth)
-    normal = jnp.where((solid < POLYHEDRA)[None], face, normal)
-    return jnp.where((solid >= GROUND)[None], ground, normal)
+    solid: Int[Array, "*r"],
+    at: Triple,
+    kerb: Bool[Array, "*r"],
+) -> Triple:
+    face = _face_normal(solids, code)
+    curved = (solid >= POLYHEDRA) & (solid < GROUND)
+    smooth = when(curved, partial(_round_normal, solids), solid, at)
+    leafy = when(curved & (solid >= POLYHEDRA + ROUNDS), _leafy, smooth, at)
+    ground = when(kerb, lambda at, kerb: ground_normal(street, at[0], at[1], face=kerb), at, kerb)
+
+    def component(i: int) -> Float[Array, "*r"]:
+        normal = jnp.where(solid >= POLYHEDRA + ROUNDS, leafy[i], smooth[i])
+        flat = jnp.where(kerb, ground[i], 1.0 if i == 2 else 0.0)
+        return jnp.where(solid >= GROUND, flat, jnp.where(solid < POLYHEDRA, face[i], normal))
+
+    return each(component)
 
 
-@jax.jit
-def _conics_at(solids: Solids, conic: Int[Array, "h w"]) -> Float[Array, "13 h w"]:
-    """Each ray's quadric, row by row, and whether it is a ball."""
-    ball = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])
-    return jnp.concatenate([solids.conics.reshape(-1, 12), ball[:, None]], axis=1).T[:, conic]
+def _face_normal(solids: Solids, code: Int[Array, "*r"]) -> Triple:
+    # The code of a hit with a polyhedron is the number of its plane among all of them.
+    plane = jnp.where((code >= 0) & (code < POLYHEDRA * FACES), code, 0)
+    return each(lambda i: solids.planes[:, :, i].reshape(-1)[plane])
 
 
-@jax.jit
-def _round_normal(conic: Float[Array, "13 h w"], at: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
-    *rows, ball = conic
+def _round_normal(solids: Solids, solid: Int[Array, "*r"], at: Triple) -> Triple:
+    # Each ray's quadric, row by row, and whether it is a ball.
+    number = jnp.clip(solid - POLYHEDRA, 0, ROUNDS + CROWNS - 1)
+    balls = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])
+    *rows, ball = (column[number] for column in (*solids.conics.reshape(-1, 12).T, balls))
     local = [sum(rows[4 * i + j] * at[j] for j in range(3)) + rows[4 * i + 3] for i in range(3)]
     # The quadric's gradient in its own frame is the place itself, without z on a cylinder; A^T takes it to `world`.
     cap = (ball < 0.5) & (jnp.abs(local[2]) > 0.999)
     weight = [jnp.where(cap, 0.0, local[0]), jnp.where(cap, 0.0, local[1]), jnp.where(cap, local[2], ball * local[2])]
-    return unit_vector(vector(*(sum(rows[4 * i + j] * weight[i] for i in range(3)) for j in range(3))))
+    return unit_vector(each(lambda j: sum(rows[4 * i + j] * weight[i] for i in range(3))))
 
 
-@jax.jit
-def _leaf_turn(at: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
-    """What to add to a crown's normal: leaves point outwards on the whole, each clump its own way."""
-    x, y, z = at / LEAF_M
-    shift = everywhere(jnp.array([17.0, 31.0, 47.0], jnp.float32), x)
-    return smooth_noise3(x[None] + shift, y[None], z[None]) - 0.5
+def _leafy(normal: Triple, at: Triple) -> Triple:
+    """A crown's normal: leaves point outwards on the whole, each clump its own way."""
+    x, y, z = each(lambda i: at[i] / LEAF_M)
+    return unit_vector(each(lambda i: normal[i] + 2.2 * (smooth_noise3(x + (17.0, 31.0, 47.0)[i], y, z) - 0.5)))

@@ -9,7 +9,6 @@ For a convex solid, s runs through an interval [enter, leave]: cut by each plane
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -17,21 +16,26 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.fields import smooth_noise3
+from jaxsim.data.synthetic.fields import Starts, Triple, each, smooth_noise3, together
 from jaxsim.data.synthetic.normals import normals
 from jaxsim.data.synthetic.solids import FACES, GROUND, LEAF_M, POLYHEDRA, ROUNDS, SKY, Solids
 from jaxsim.data.synthetic.street import Street, cast_ground
 from jaxsim.frame import Array
 
 SKY_M = 1e4
-TOGETHER = 8
-"""Tiles whose rays are cast at a time: they stay in the cache."""
+TOGETHER = 4
+"""Tiles whose rays are cast at a time: they stay in the cache, and need as many trials as the fullest of them."""
 
 
 @struct.dataclass
 class TileSolids:
-    """Solids that each tile's rays may meet: numbers within their kind, and how many of the list count."""
+    """Solids that each tile's rays may meet: numbers within their kind, and how many of the list count.
 
+    Tiles stand by how many solids they list, so that neighbours here need about as many trials.
+    """
+
+    tile: Int[Array, "*t"]
+    """Numbers of the tiles, which are counted row by row."""
     polyhedra: Int[Array, "*t polyhedra"]
     rounds: Int[Array, "*t rounds"]
     crowns: Int[Array, "*t crowns"]
@@ -42,15 +46,15 @@ class TileSolids:
 class Hit:
     """What each ray meets first."""
 
-    distance: Float[Array, "h w"]
+    distance: Float[Array, "*r"]
     """Distance in lengths of the ray's direction; SKY_M for the sky."""
-    solid: Int[Array, "h w"]
+    solid: Int[Array, "*r"]
     """Number of the solid, or GROUND, or SKY."""
-    normal: Float[Array, "3 h w"]
+    normal: Triple
     """Unit, outward; up in the sky."""
-    at: Float[Array, "3 h w"]
+    at: Triple
     """The place, in `world`."""
-    kerb: Bool[Array, "h w"]
+    kerb: Bool[Array, "*r"]
     """The ground's hit is a kerb's face."""
 
 
@@ -58,8 +62,8 @@ def nearest_hits(
     solids: Solids,
     street: Street,
     *,
-    origin: Float[Array, "3 h0 w0"],
-    direction: Float[Array, "3 h w"],
+    origin: Starts,
+    direction: Triple,
     candidates: TileSolids,
     tile: tuple[int, int],
 ) -> Hit:
@@ -67,7 +71,20 @@ def nearest_hits(
 
     A sequence of jitted steps: in one program XLA would work out the place of a hit anew for whatever reads it.
     """
-    distance, code = cast_solids(solids, origin, direction, candidates=candidates, tile=tile)
+    met = cast_solids(solids, origin, direction, candidates=candidates, tile=tile)
+    return hits_of(solids, street, met, origin=origin, direction=direction)
+
+
+def hits_of(
+    solids: Solids,
+    street: Street,
+    met: tuple[Float[Array, "h w"], Int[Array, "h w"]],
+    *,
+    origin: Starts,
+    direction: Triple,
+) -> Hit:
+    """Nearest hits of rays, the ground included, of which `cast_solids` or `cast_tiles` say where solids are `met`."""
+    distance, code = met
     distance, solid, at, kerb = _with_ground(street, origin, direction, distance=distance, code=code)
     return Hit(distance, solid, normals(solids, street, code, solid=solid, at=at, kerb=kerb), at, kerb)
 
@@ -75,67 +92,47 @@ def nearest_hits(
 @jax.jit
 def _with_ground(
     street: Street,
-    origin: Float[Array, "3 h0 w0"],
-    direction: Float[Array, "3 h w"],
+    origin: Starts,
+    direction: Triple,
     *,
     distance: Float[Array, "h w"],
     code: Int[Array, "h w"],
-) -> tuple[Float[Array, "h w"], Int[Array, "h w"], Float[Array, "3 h w"], Bool[Array, "h w"]]:
+) -> tuple[Float[Array, "h w"], Int[Array, "h w"], Triple, Bool[Array, "h w"]]:
     """Distances, solids and places of what is met first, the ground included; and whether that is a kerb's face."""
     # The ground is no solid: its height is a formula of the place.
     ground, meets, face = cast_ground(street, origin, direction)
     nearer = meets & (ground < distance)
     distance = jnp.where(nearer, ground, distance)
     solid = jnp.where(nearer, GROUND, jnp.where(code < 0, SKY, code // FACES))
-    return distance, solid, origin + distance[None] * direction, nearer & face
+    return distance, solid, each(lambda i: origin[i] + distance * direction[i]), nearer & face
 
 
 @partial(jax.jit, static_argnames="tile")
 def cast_solids(
     solids: Solids,
-    origin: Float[Array, "3 h0 w0"],
-    direction: Float[Array, "3 h w"],
+    origin: Starts,
+    direction: Triple,
     *,
     candidates: TileSolids,
     tile: tuple[int, int],
 ) -> tuple[Float[Array, "h w"], Int[Array, "h w"]]:
-    """Nearest hit with a solid and its code, FACES * solid + face; SKY_M and a negative code where there is none.
-
-    `candidates` lists the tiles of the raster row by row.
-    """
-    rays = _tiled(direction, tile)
+    """Nearest hit with a solid and its code, FACES * solid + face; SKY_M and a negative code where there is none."""
+    size = direction[0].shape
+    rays = each(lambda i: _tiled(direction[i], tile)[candidates.tile])
     # A camera has one origin for all rays, which need not be cut into tiles.
-    starts = origin if origin.shape[1:] == (1, 1) else _tiled(jnp.broadcast_to(origin, direction.shape), tile)
-
-    def polyhedra(origin: Array, direction: Array, number: Int[Array, " t"]):
-        enter, face = enter_polyhedron(origin, direction, solids.planes[number])
-        return enter, number[:, None] * FACES + face
-
-    def rounds(origin: Array, direction: Array, number: Int[Array, " t"]):
-        enter = enter_round(
-            origin, direction, solids.conics[number], roundness=solids.roundness[number], bore=solids.bore[number]
-        )
-        return enter, (number[:, None] + POLYHEDRA) * FACES
-
-    def crowns(origin: Array, direction: Array, number: Int[Array, " t"]):
-        enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], path_m=solids.path_m[number])
-        return enter, (number[:, None] + POLYHEDRA + ROUNDS) * FACES
-
-    shape = rays.shape[1:]
-    best = (jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
-    lists = (candidates.polyhedra, candidates.rounds, candidates.crowns)
-    for kind, (enter, listed) in enumerate(zip((polyhedra, rounds, crowns), lists, strict=True)):
-        best = _cast_kind(enter, starts, rays, listed=listed, counts=candidates.counts[:, kind], best=best)
-    distance, code = best
-    return _untiled(distance, tile, direction.shape[1:]), _untiled(code, tile, direction.shape[1:])
+    alone = origin[0].shape == (1, 1)
+    starts = origin if alone else each(lambda i: _tiled(jnp.broadcast_to(origin[i], size), tile)[candidates.tile])
+    distance, code = cast_tiles(solids, starts, rays, candidates=candidates)
+    place = jnp.argsort(candidates.tile)
+    return _untiled(distance[place], tile, size), _untiled(code[place], tile, size)
 
 
-def _tiled(raster: Float[Array, "3 h w"], tile: tuple[int, int]) -> Float[Array, "3 t r"]:
-    _, h, w = raster.shape
-    raster = jnp.pad(raster, ((0, 0), (0, -h % tile[0]), (0, -w % tile[1])), mode="edge")
-    down, across = raster.shape[1] // tile[0], raster.shape[2] // tile[1]
-    cut = raster.reshape(3, down, tile[0], across, tile[1]).transpose(0, 1, 3, 2, 4)
-    return cut.reshape(3, down * across, tile[0] * tile[1])
+def _tiled(raster: Float[Array, "h w"], tile: tuple[int, int]) -> Float[Array, "t r"]:
+    h, w = raster.shape
+    raster = jnp.pad(raster, ((0, -h % tile[0]), (0, -w % tile[1])), mode="edge")
+    down, across = raster.shape[0] // tile[0], raster.shape[1] // tile[1]
+    cut = raster.reshape(down, tile[0], across, tile[1]).transpose(0, 2, 1, 3)
+    return cut.reshape(down * across, tile[0] * tile[1])
 
 
 def _untiled(cut: Float[Array, "t r"] | Int[Array, "t r"], tile: tuple[int, int], size: tuple[int, ...]) -> Array:
@@ -144,68 +141,110 @@ def _untiled(cut: Float[Array, "t r"] | Int[Array, "t r"], tile: tuple[int, int]
     return raster.reshape(-1, across * tile[1])[: size[0], : size[1]]
 
 
-def _cast_kind(
-    enter: Callable[..., tuple[Array, Array]],
-    starts: Float[Array, "3 t0 r0"],
-    rays: Float[Array, "3 t r"],
-    *,
-    listed: Int[Array, "t most"],
-    counts: Int[Array, " t"],
-    best: tuple[Float[Array, "t r"], Int[Array, "t r"]],
+@jax.jit
+def cast_tiles(
+    solids: Solids, origin: Starts, direction: Triple, *, candidates: TileSolids
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
-    """`best` after solids of one kind: where rays (origin, direction) enter the solids of these numbers, and codes.
+    """The same of rays that stand tile by tile, as in `candidates`."""
+    count = len(candidates.tile)
+    some = together(count, TOGETHER)
 
-    A few tiles are worked on at a time, which need as many trials as the fullest of them: so they go by how many
-    solids they list, for beside a tree stands a house.
-    """
-    order = jnp.argsort(counts)
-    groups = jnp.pad(order, (0, -len(order) % TOGETHER), mode="edge").reshape(-1, TOGETHER)
+    def grouped(leaf: Array) -> Array:
+        leaf = jnp.pad(leaf, ((0, -count % some), *((0, 0),) * (leaf.ndim - 1)), mode="edge")
+        return leaf.reshape(-1, some, *leaf.shape[1:])
 
-    def cast(tiles: Int[Array, " together"]) -> tuple[Array, Array]:
-        origin = starts if starts.shape[1:] == (1, 1) else starts[:, tiles]
-        direction, numbers = rays[:, tiles], listed[tiles]
-
-        def body(k: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:
-            return _nearer(best, *enter(origin, direction, numbers[:, k]))
-
-        return jax.lax.fori_loop(0, counts[tiles].max(), body, (best[0][tiles], best[1][tiles]))
-
-    places = jnp.argsort(order)
-    done = jax.lax.map(cast, groups)
-    return tuple(leaf.reshape(-1, leaf.shape[-1])[places] for leaf in done)
+    direction, candidates = jax.tree.map(grouped, (direction, candidates))
+    if origin[0].shape == (1, 1):
+        done = jax.lax.map(lambda of: _cast_together(solids, origin, of[0], candidates=of[1]), (direction, candidates))
+    else:
+        rays = jax.tree.map(grouped, origin), direction, candidates
+        done = jax.lax.map(lambda of: _cast_together(solids, of[0], of[1], candidates=of[2]), rays)
+    return tuple(leaf.reshape(-1, leaf.shape[-1])[:count] for leaf in done)
 
 
-def _nearer(best, enter: Float[Array, "t r"], code: Int[Array, "..."]):
-    distance, codes = best
-    wins = enter < distance
-    return jnp.where(wins, enter, distance), jnp.where(wins, code, codes)
+def _cast_together(
+    solids: Solids, origin: Starts, direction: Triple, *, candidates: TileSolids
+) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
+    """Nearest hits of a few tiles, and their codes."""
+    shape = direction[0].shape
+
+    def polyhedra(number: Int[Array, " t"]) -> tuple[Array, Array]:
+        planes = solids.planes[number]
+        face = entered_face(origin, direction, planes)
+        return enter_polyhedron(origin, direction, planes), number[:, None] * FACES + face
+
+    def rounds(number: Int[Array, " t"]) -> tuple[Array, Array]:
+        conic, roundness, bore = solids.conics[number], solids.roundness[number], solids.bore[number]
+        enter = enter_round(origin, direction, conic, roundness=roundness, bore=bore)
+        return enter, jnp.broadcast_to((number[:, None] + POLYHEDRA) * FACES, shape)
+
+    def crowns(number: Int[Array, " t"]) -> tuple[Array, Array]:
+        enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], path_m=solids.path_m[number])
+        return enter, jnp.broadcast_to((number[:, None] + POLYHEDRA + ROUNDS) * FACES, shape)
+
+    best = last = (jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
+    lists = (candidates.polyhedra, candidates.rounds, candidates.crowns)
+    for kind, (enter, listed) in enumerate(zip((polyhedra, rounds, crowns), lists, strict=True)):
+
+        def trial(k: Int[Array, ""], state, enter=enter, listed=listed):
+            # A trial's answer counts in the next: compared at once, XLA on a CPU would work it out for both results.
+            best, last = state
+            return _nearer(best, last), enter(listed[:, k])
+
+        best, last = jax.lax.fori_loop(0, candidates.counts[:, kind].max(), trial, (best, last))
+    return _nearer(best, last)
+
+
+def _nearer(best: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
+    wins = other[0] < best[0]
+    return jnp.where(wins, other[0], best[0]), jnp.where(wins, other[1], best[1])
+
+
+def _faces(
+    origin: Starts, direction: Triple, planes: Float[Array, "t faces 4"]
+) -> list[tuple[Float[Array, "t r"], Float[Array, "..."]]]:
+    """Of each face, n.d and w - n.o: a ray meets its plane, n.(o + s d) = w, at s = (w - n.o) / (n.d)."""
+    faces = []
+    for f in range(FACES):
+        nx, ny, nz, w = jnp.unstack(planes[:, f, :, None], axis=1)
+        towards = nx * direction[0] + ny * direction[1] + nz * direction[2]
+        faces.append((towards, w - (nx * origin[0] + ny * origin[1] + nz * origin[2])))
+    return faces
 
 
 @jax.jit
 def enter_polyhedron(
-    origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], planes: Float[Array, "t faces 4"]
-) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
-    """Where each ray enters its tile's polyhedron, SKY_M if it does not, and through which face."""
-    shape = direction.shape[1:]
+    origin: Starts, direction: Triple, planes: Float[Array, "t faces 4"]
+) -> Float[Array, "t r"]:
+    """Where each ray enters its tile's polyhedron, SKY_M if it does not."""
+    shape = direction[0].shape
     enter, leave = jnp.full(shape, -SKY_M, jnp.float32), jnp.full(shape, SKY_M, jnp.float32)
+    # Inside is from the last entry to the first exit. Each quotient has one use, so that all is one loop over rays.
+    for towards, room in _faces(origin, direction, planes):
+        into = towards < 0.0
+        enter = jnp.maximum(enter, jnp.where(into, room, SKY_M) / jnp.where(into, towards, -1.0))
+        # A ray along a plane never leaves through it, and on its outer side never enters.
+        away = jnp.where(into, 1.0, jnp.where(towards == 0.0, 1e-30, towards))
+        leave = jnp.minimum(leave, jnp.where(into, SKY_M, room) / away)
+    return jnp.where(jnp.minimum(leave - enter, enter) > 0.0, enter, SKY_M)
+
+
+@jax.jit
+def entered_face(origin: Starts, direction: Triple, planes: Float[Array, "t faces 4"]) -> Int[Array, "t r"]:
+    """Through which face each ray enters its tile's polyhedron, if it does."""
+    shape = direction[0].shape
+    # The last entry, as a fraction whose parts are negative.
+    over, under = jnp.full(shape, SKY_M, jnp.float32), jnp.full(shape, -1.0, jnp.float32)
     face = jnp.zeros(shape, jnp.int32)
-    for f in range(FACES):
-        nx, ny, nz, w = jnp.unstack(planes[:, f, :, None], axis=1)
-        towards = nx * direction[0] + ny * direction[1] + nz * direction[2]
-        # n.(o + s d) = w at s = (w - n.o) / (n.d); inside is from the last entry to the first exit.
-        room = w - (nx * origin[0] + ny * origin[1] + nz * origin[2])
-        s = room / towards
-        later = (towards < 0.0) & (s > enter)
-        enter, face = jnp.where(later, s, enter), jnp.where(later, f, face)
-        leave = jnp.where((towards > 0.0) & (s < leave), s, leave)
-        # A ray along a plane, on its outer side, never enters.
-        leave = jnp.where((towards == 0.0) & (room < 0.0), -SKY_M, leave)
-    return jnp.where((enter < leave) & (enter > 0.0), enter, SKY_M), face
+    for f, (towards, room) in enumerate(_faces(origin, direction, planes)):
+        later = jnp.where(towards < 0.0, room * under - over * towards, -1.0) > 0.0
+        over, under, face = jnp.where(later, room, over), jnp.where(later, towards, under), jnp.where(later, f, face)
+    return face
 
 
 def _span(
-    origin: Float[Array, "3 t0 r0"],
-    direction: Float[Array, "3 t r"],
+    origin: Starts,
+    direction: Triple,
     conic: Float[Array, "t 3 4"],
     *,
     weight: Float[Array, "..."],
@@ -215,7 +254,7 @@ def _span(
     Rays that miss it enter at SKY_M and leave at -SKY_M. `weight` of the third axis: 1 for a ball, 0 for a cylinder.
     """
 
-    def in_frame(v: Float[Array, "3 ..."], *, shift: bool) -> list:
+    def in_frame(v: Starts, *, shift: bool) -> list:
         rows = []
         for i in range(3):
             a, b, c, d = jnp.unstack(conic[:, i, :, None], axis=1)
@@ -236,8 +275,8 @@ def _span(
 
 @jax.jit
 def enter_round(
-    origin: Float[Array, "3 t0 r0"],
-    direction: Float[Array, "3 t r"],
+    origin: Starts,
+    direction: Triple,
     conic: Float[Array, "t 3 4"],
     *,
     roundness: Float[Array, " t"],
@@ -261,8 +300,8 @@ def enter_round(
 
 @jax.jit
 def enter_crown(
-    origin: Float[Array, "3 t0 r0"],
-    direction: Float[Array, "3 t r"],
+    origin: Starts,
+    direction: Triple,
     conic: Float[Array, "t 3 4"],
     *,
     path_m: Float[Array, " t"],

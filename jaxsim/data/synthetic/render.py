@@ -9,13 +9,14 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int, UInt8
 
-from jaxsim.data.synthetic.fields import dot, rotate, unit_vector, vector
+from jaxsim.data.synthetic.fields import Starts, Triple, dot, each, rotate, unit_vector
 from jaxsim.data.synthetic.light import Light, Shadows, develop, lit, map_borders, mirror, open_sky, shade, sky
 from jaxsim.data.synthetic.materials import surface
-from jaxsim.data.synthetic.raycast import Hit, TileSolids, cast_solids, nearest_hits
+from jaxsim.data.synthetic.raycast import Hit, TileSolids, cast_solids, cast_tiles, hits_of, nearest_hits
 from jaxsim.data.synthetic.solids import GROUND, Solids
 from jaxsim.data.synthetic.street import Street
 from jaxsim.frame import Array, PolarGrid
@@ -41,9 +42,9 @@ class LitScene:
 
 @struct.dataclass
 class CameraView:
-    """What lies before a camera."""
+    """What lies before a camera. Of `look`: tile by tile."""
 
-    light: Float[Array, "3 h w"]
+    light: Triple
     """RGB as displayed, 0..1, one ray a pixel."""
     depth_m: Float[Array, "h w"]
     valid: Bool[Array, "h w"]
@@ -102,11 +103,11 @@ def _heights(
     x, y = map_borders(cells)
     x = jnp.asarray(0.5 * (x[1:] + x[:-1]), jnp.float32) + eye_m[0]
     y = jnp.asarray(0.5 * (y[1:] + y[:-1]), jnp.float32) + eye_m[1]
-    ground = vector(*jnp.broadcast_arrays(x[None, :], y[:, None], jnp.zeros(cells, jnp.float32)))
+    ground = jnp.broadcast_arrays(x[None, :], y[:, None], jnp.zeros(cells, jnp.float32))
     # From above all that stands, back along the rays to the ground.
     climb = SKY_HEIGHT_M / towards[2]
-    start = ground + (climb * towards)[:, None, None]
-    down = jnp.broadcast_to(-towards[:, None, None], start.shape)
+    start = each(lambda i: ground[i] + climb * towards[i])
+    down = each(lambda i: jnp.broadcast_to(-towards[i], cells))
     distance, code = cast_solids(solids, start, down, candidates=candidates, tile=tile)
     return jnp.where(code >= 0, (climb - distance) * towards[2], -1.0)
 
@@ -118,24 +119,25 @@ def look(
     *,
     cam_pose: Float[Array, "4 4"],
     candidates: TileSolids,
-    size: tuple[int, int],
+    width: int,
 ) -> CameraView:
-    """Renders the view of a pinhole camera; depth is planar, classes are of the pixel's centre.
+    """Renders tiles of the view of a pinhole camera; depth is planar, classes are of the pixel's centre.
 
-    A sequence of jitted steps, each of which leaves its rasters to the next.
+    A sequence of jitted steps, each of which leaves its fields to the next. The tiles are those of an image of that
+    width which `candidates` names, in its order; those at the borders may reach beyond it.
     """
     light = scene.light
-    direction, view, length = _pixel_rays(intrinsics, cam_pose, size=size)
-    eye = cam_pose[:3, 3, None, None]
-    hit = nearest_hits(
-        scene.solids, scene.street, origin=eye, direction=direction, candidates=candidates, tile=CAMERA_TILE
-    )
+    across = -(-width // CAMERA_TILE[1])
+    direction, view, length = _pixel_rays(intrinsics, cam_pose, tile=candidates.tile, across=across)
+    eye = each(lambda i: cam_pose[i, 3][None, None])
+    met = cast_tiles(scene.solids, eye, direction, candidates=candidates)
+    hit = hits_of(scene.solids, scene.street, met, origin=eye, direction=direction)
     distance_m, pixel_m = _footprints(hit, view, length, focal_px=intrinsics[0, 0])
     seen = surface(scene.solids, scene.street, hit, pixel_m=pixel_m)
     in_sky = hit.solid > GROUND
-    normal, away = _shine(hit, view, seen.bend)
     # One look at the sky a pixel: behind everything where there is nothing, in the surface's mirror elsewhere.
-    heaven = sky(light, jnp.where(in_sky[None], view, away))
+    normal, away = _shine(hit, view, seen.bend, in_sky=in_sky)
+    heaven = sky(light, away)
     radiance = shade(
         light,
         seen.rgb,
@@ -151,22 +153,23 @@ def look(
     return CameraView(shown, hit.distance, hit.solid <= GROUND, seen.semantic, seen.instance)
 
 
-@partial(jax.jit, static_argnames="size")
+@partial(jax.jit, static_argnames="across")
 def _pixel_rays(
-    intrinsics: Float[Array, "3 3"], cam_pose: Float[Array, "4 4"], *, size: tuple[int, int]
-) -> tuple[Float[Array, "3 h w"], Float[Array, "3 h w"], Float[Array, "h w"]]:
+    intrinsics: Float[Array, "3 3"], cam_pose: Float[Array, "4 4"], *, tile: Int[Array, " t"], across: int
+) -> tuple[Triple, Triple, Float[Array, "t r"]]:
     """Directions of unit depth, the same at unit length, and the length of the former."""
-    h, w = size
-    u = (jnp.arange(w, dtype=jnp.float32) - intrinsics[0, 2]) / intrinsics[0, 0]
-    v = (jnp.arange(h, dtype=jnp.float32) - intrinsics[1, 2]) / intrinsics[1, 1]
-    across, down = jnp.broadcast_arrays(u[None, :], v[:, None])
-    direction = rotate(cam_pose[:3, :3], vector(across, down, jnp.ones(size, jnp.float32)))
+    h, w = CAMERA_TILE
+    ray = jnp.arange(h * w, dtype=jnp.int32)[None]
+    u = (tile[:, None] % across * w + ray % w).astype(jnp.float32)
+    v = (tile[:, None] // across * h + ray // w).astype(jnp.float32)
+    x, y = (u - intrinsics[0, 2]) / intrinsics[0, 0], (v - intrinsics[1, 2]) / intrinsics[1, 1]
+    direction = rotate(cam_pose[:3, :3], (x, y, jnp.ones_like(x)))
     length = jnp.sqrt(dot(direction, direction))
-    return direction, direction / length[None], length
+    return direction, each(lambda i: direction[i] / length), length
 
 
 @jax.jit
-def _footprints(hit: Hit, view: Float[Array, "3 h w"], length: Float[Array, "h w"], *, focal_px: Float[Array, ""]):
+def _footprints(hit: Hit, view: Triple, length: Float[Array, "h w"], *, focal_px: Float[Array, ""]):
     """Distances, and the sizes of pixels on the surfaces: the geometric mean of their two extents."""
     facing = jnp.maximum(jnp.abs(dot(hit.normal, view)), 0.02)
     # On a slanting surface a pixel is longer one way, by 1 / cosine: the mean of its extents has the root.
@@ -174,27 +177,43 @@ def _footprints(hit: Hit, view: Float[Array, "3 h w"], length: Float[Array, "h w
 
 
 @jax.jit
-def _shine(hit: Hit, view: Float[Array, "3 h w"], bend: Float[Array, "3 h w"]):
-    """Normals towards the eye, and the directions of mirrored rays."""
-    normal = unit_vector(jnp.where(dot(hit.normal, view) > 0.0, -1.0, 1.0)[None] * hit.normal + bend)
-    return normal, mirror(view, normal)
+def _shine(hit: Hit, view: Triple, bend: Triple, *, in_sky: Bool[Array, "h w"]) -> tuple[Triple, Triple]:
+    """Normals towards the eye, and the directions of mirrored rays; rays that meet nothing go on."""
+    side = jnp.where(dot(hit.normal, view) > 0.0, -1.0, 1.0)
+    normal = unit_vector(each(lambda i: side * hit.normal[i] + bend[i]))
+    away = mirror(view, normal)
+    return normal, each(lambda i: jnp.where(in_sky, view[i], away[i]))
+
+
+def photograph(image: Triple, key: Array) -> UInt8[np.ndarray, "h w 3"]:
+    """A lens and a sensor: slight blur, slight noise, 8 bits; on the host.
+
+    Steps of their own: in one program the blur would have each pixel rendered nine times, and the noise be drawn where
+    channels are joined, number by number.
+    """
+    channels = _expose(image, _grain(key, shape=(3, *image[0].shape)))
+    return np.stack([np.asarray(channel) for channel in channels], axis=-1)
+
+
+@partial(jax.jit, static_argnames="shape")
+def _grain(key: Array, *, shape: tuple[int, ...]) -> Float[Array, "3 h w"]:
+    return jax.random.normal(key, shape, jnp.float32)
 
 
 @jax.jit
-def photograph(image: Float[Array, "3 h w"], key: Array) -> UInt8[Array, "h w 3"]:
-    """A lens and a sensor: slight blur, slight noise, 8 bits.
+def _expose(image: Triple, grain: Float[Array, "3 h w"]) -> tuple[UInt8[Array, "h w"], ...]:
+    def channel(i: int) -> UInt8[Array, "h w"]:
+        value = image[i]
+        for axis in (0, 1):
+            value = 0.66 * value + 0.17 * (_shift(value, 1, axis) + _shift(value, -1, axis))
+        return jnp.clip(255.0 * (value + 0.008 * grain[i]) + 0.5, 0.0, 255.0).astype(jnp.uint8)
 
-    A function of its own: fused with the rendering, the blur would have each pixel rendered nine times.
-    """
-    for axis in (1, 2):
-        image = 0.66 * image + 0.17 * (_shift(image, 1, axis) + _shift(image, -1, axis))
-    image = image + 0.008 * jax.random.normal(key, image.shape, jnp.float32)
-    return jnp.moveaxis(jnp.clip(255.0 * image + 0.5, 0.0, 255.0).astype(jnp.uint8), 0, -1)
+    return tuple(channel(i) for i in range(3))
 
 
-def _shift(image: Float[Array, "3 h w"], by: int, axis: int) -> Float[Array, "3 h w"]:
+def _shift(image: Float[Array, "h w"], by: int, axis: int) -> Float[Array, "h w"]:
     """Moves an image by one pixel, repeating its border."""
-    pad = [(0, 0)] * 3
+    pad = [(0, 0)] * 2
     pad[axis] = (1, 1)
     start = 1 - by
     return jax.lax.slice_in_dim(jnp.pad(image, pad, mode="edge"), start, start + image.shape[axis], axis=axis)
@@ -225,12 +244,13 @@ def scan(scene: LitScene, grid: PolarGrid, *, velo_pose: Float[Array, "4 4"], ca
 @jax.jit
 def _beams(
     grid: PolarGrid, velo_pose: Float[Array, "4 4"]
-) -> tuple[Float[Array, "3 rows 1"], Float[Array, "3 rows columns"]]:
+) -> tuple[Starts, Triple]:
     turn = velo_pose[:3, :3]
-    origin = turn[:, 2, None, None] * grid.origin_m[None, :, None] + velo_pose[:3, 3, None, None]
-    return origin, rotate(turn, jnp.moveaxis(directions(grid), -1, 0))
+    origin = each(lambda i: turn[i, 2] * grid.origin_m[:, None] + velo_pose[i, 3])
+    rays = directions(grid)
+    return origin, rotate(turn, each(lambda i: rays[..., i]))
 
 
 @jax.jit
-def _incidence(hit: Hit, direction: Float[Array, "3 rows columns"]) -> Float[Array, "rows columns"]:
+def _incidence(hit: Hit, direction: Triple) -> Float[Array, "rows columns"]:
     return jnp.arccos(jnp.clip(jnp.abs(dot(hit.normal, direction)), 0.0, 1.0))

@@ -10,6 +10,7 @@ objects in their places; `gather_solids` makes of them the arrays that rays are 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -35,6 +36,11 @@ Vector = Sequence[float | int] | np.ndarray
 """Three numbers."""
 FROM_M, TO_M = -70.0, 150.0
 """Stretch of the street that is built up."""
+
+
+# An upright box's planes, the first six. A plane without a normal has everything inside of it: all have FACES.
+_SIDES = np.zeros((FACES, 4))
+_SIDES[:3, :3], _SIDES[3:6, :3], _SIDES[6:, 3] = -np.eye(3), np.eye(3), 1.0
 
 
 class Pattern(IntEnum):
@@ -126,60 +132,67 @@ class Model:
 
     def box(self, low: Vector, high: Vector, look: Look, *, cuts: Sequence[Vector] = ()) -> None:
         """An upright box, bevelled by planes (nx, ny, nz, w); raises ValueError for more than FACES planes."""
-        sides = [(*-np.eye(3)[i], -low[i]) for i in range(3)] + [(*np.eye(3)[i], high[i]) for i in range(3)]
-        planes = np.array([*sides, *cuts], np.float64)
-        if len(planes) > FACES:
-            raise ValueError(f"a polyhedron has at most {FACES} faces, got {len(planes)}; use two solids")
-        planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
-        # A plane without a normal, inside of which everything lies: every polyhedron has FACES.
-        never = np.tile([0.0, 0.0, 0.0, 1.0], (FACES - len(planes), 1))
-        self.polyhedra.append((np.concatenate([planes, never]), look))
+        faces = 6 + len(cuts)
+        if faces > FACES:
+            raise ValueError(f"a polyhedron has at most {FACES} faces, got {faces}; use two solids")
+        planes = _SIDES.copy()
+        planes[:3, 3], planes[3:6, 3] = np.negative(low), high
+        if len(cuts):
+            bevels = np.array(cuts, np.float64)
+            planes[6:faces] = bevels / np.sqrt((bevels[:, :3] ** 2).sum(axis=1, keepdims=True))
+        self.polyhedra.append((planes, look))
         self.bounds[0].append((low, high))
 
     def ball(self, centre: Vector, radii: Vector, look: Look) -> None:
         """Adds an ellipsoid along the axes."""
-        self._round(_conic(np.diag(radii), centre), look, roundness=1.0)
+        self._round(np.diag(radii), centre, look, roundness=1.0)
 
     def limb(self, start: Vector, end: Vector, look: Look, *, radius: float) -> None:
         """A long ball from one point to the other."""
-        self._round(_conic(_axes(start, end, radius), np.add(start, end) / 2), look, roundness=1.0)
+        self._round(_axes(start, end, radius), np.add(start, end) / 2, look, roundness=1.0)
 
     def cylinder(self, start: Vector, end: Vector, look: Look, *, radius: float, bore: float = 0.0) -> None:
         """Adds a cylinder between two points, hollow where it has a `bore`."""
-        self._round(_conic(_axes(start, end, radius), np.add(start, end) / 2), look, roundness=0.0, bore=bore)
+        self._round(_axes(start, end, radius), np.add(start, end) / 2, look, roundness=0.0, bore=bore)
 
     def crown(self, centre: Vector, radii: Vector, look: Look, *, path_m: float) -> None:
         """Adds a tree's crown, of leaves between which rays go on for `path_m` in the mean."""
-        conic = _conic(np.diag(radii), centre)
-        self.crowns.append((conic, path_m, look))
-        self.bounds[2].append(_extent(conic, 1.0))
+        axes = np.diag(radii)
+        self.crowns.append((_conic(axes, centre), path_m, look))
+        self.bounds[2].append(_extent(axes, centre, 1.0))
 
-    def _round(self, conic: Float[np.ndarray, "3 4"], look: Look, *, roundness: float, bore: float = 0.0) -> None:
-        self.rounds.append((conic, roundness, bore, look))
-        self.bounds[1].append(_extent(conic, roundness))
+    def _round(
+        self, axes: Float[np.ndarray, "3 3"], centre: Vector, look: Look, *, roundness: float, bore: float = 0.0
+    ) -> None:
+        self.rounds.append((_conic(axes, centre), roundness, bore, look))
+        self.bounds[1].append(_extent(axes, centre, roundness))
 
 
 def _axes(start: Vector, end: Vector, radius: float) -> Float[np.ndarray, "3 3"]:
     """Columns: the half axes of a ball or cylinder whose third axis runs from start to end."""
-    along = np.subtract(end, start) / 2
-    length = np.linalg.norm(along)
+    # In plain numbers: a street has a thousand of these, and NumPy takes longer to begin than to work one out.
+    x, y, z = [float(to - at) / 2 for at, to in zip(start, end, strict=True)]
+    length = math.hypot(x, y, z)
     # Any direction across will do, but for one along the axis itself.
-    aside = np.cross(along, (0.0, 0.0, 1.0) if abs(along[2]) < 0.9 * length else (1.0, 0.0, 0.0))
-    aside *= radius / np.linalg.norm(aside)
-    return np.stack([aside, np.cross(along, aside) / length, along], axis=1)
+    aside = (y, -x, 0.0) if abs(z) < 0.9 * length else (0.0, z, -y)
+    share = radius / math.hypot(*aside)
+    u, v, w = [share * component for component in aside]
+    across = ((y * w - z * v) / length, (z * u - x * w) / length, (x * v - y * u) / length)
+    return np.array([[u, v, w], across, [x, y, z]]).T
 
 
 def _conic(axes: Float[np.ndarray, "3 3"], centre: Vector) -> Float[np.ndarray, "3 4"]:
-    # Takes the half axes to unit vectors, and the centre to 0.
-    inverse = np.linalg.inv(axes)
-    return np.concatenate([inverse, -(inverse @ np.asarray(centre, np.float64))[:, None]], axis=1)
+    # Takes the half axes, which stand at right angles, to unit vectors, and the centre to 0.
+    conic = np.empty((3, 4))
+    conic[:, :3] = (axes / (axes * axes).sum(axis=0)).T
+    conic[:, 3] = -(conic[:, :3] @ np.asarray(centre, np.float64))
+    return conic
 
 
-def _extent(conic: Float[np.ndarray, "3 4"], roundness: float) -> tuple[Vector, Vector]:
-    axes = np.linalg.inv(conic[:, :3])
-    centre = -axes @ conic[:, 3]
+def _extent(axes: Float[np.ndarray, "3 3"], centre: Vector, roundness: float) -> tuple[Vector, Vector]:
+    square = axes * axes
     # Of a ball the root of squares of its half axes, of a cylinder the rim of its disc and its length.
-    reach = np.linalg.norm(axes, axis=1) if roundness else np.linalg.norm(axes[:, :2], axis=1) + abs(axes[:, 2])
+    reach = np.sqrt(square.sum(axis=1)) if roundness else np.sqrt(square[:, 0] + square[:, 1]) + abs(axes[:, 2])
     return tuple(centre - reach), tuple(centre + reach)
 
 

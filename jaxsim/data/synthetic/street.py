@@ -9,6 +9,7 @@ between wet and dry surfaces, Applied Optics 25, 1986).
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -17,7 +18,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.synthetic.fields import cell, cell_hash, everywhere, smooth_noise, vector
+from jaxsim.data.synthetic.fields import Starts, Triple, cell, cell_hash, each, in_blocks, smooth_noise, when
 from jaxsim.frame import Array
 
 SIDE_STREETS = 2
@@ -27,6 +28,8 @@ HALVINGS = 6
 ROAD, PAVEMENT = IDS["road"], IDS["sidewalk"]
 OPEN_GROUND, TERRAIN = IDS["ground"], IDS["terrain"]
 LINE_M = 0.13
+LINE, SLAB, KERBSTONE = (0.62, 0.62, 0.58), (0.27, 0.27, 0.25), (0.30, 0.29, 0.27)
+GRASS, STRAW = (0.055, 0.10, 0.028), (0.19, 0.17, 0.09)
 WET_RGB, WET_NIR = 0.55, 0.45
 """What a film of water leaves of the albedo."""
 
@@ -63,14 +66,14 @@ class Street:
 class Ground(NamedTuple):
     """The ground at every hit."""
 
-    rgb: Float[Array, "3 h w"]
+    rgb: Triple
     """Linear albedo."""
-    nir: Float[Array, "h w"]
+    nir: Float[Array, "*r"]
     """Reflectance at 905 nm."""
-    semantic: Int[Array, "h w"]
-    marking: Bool[Array, "h w"]
+    semantic: Int[Array, "*r"]
+    marking: Bool[Array, "*r"]
     """Painted road, as far as the paint is not worn off."""
-    wet: Bool[Array, "h w"]
+    wet: Bool[Array, "*r"]
 
 
 def aside(street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"]) -> Float[Array, "*r"]:
@@ -93,17 +96,28 @@ def past_kerb(street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"]) -> F
 
 
 def cast_ground(
-    street: Street, origin: Float[Array, "3 *o"], direction: Float[Array, "3 *r"]
+    street: Street, origin: Starts, direction: Triple
 ) -> tuple[Float[Array, "*r"], Bool[Array, "*r"], Bool[Array, "*r"]]:
     """Ray parameter of the hit with the ground, whether there is one, and whether it is the kerb's face.
 
     A ray that clears the upper level over the road and lies under it at the lower level has met a kerb's face: the
     place comes from a bracketed search along the ray.
     """
-    ox, oy, oz = origin
+    start = each(lambda i: jnp.broadcast_to(origin[i], direction[i].shape))
+    return in_blocks(partial(_cast_block, street), start, direction)
+
+
+def _cast_block(street: Street, start: Triple, direction: Triple) -> tuple[Array, Array, Array]:
+    falls = direction[2] < -1e-6
+    t, face = when(falls, partial(_meet_ground, street, falls=falls), start, direction)
+    return t, falls & (t > 0.0), face
+
+
+def _meet_ground(street: Street, start: Triple, direction: Triple, *, falls: Array) -> tuple[Array, Array]:
+    """Ray parameters, and whether they are of a kerb's face; of rays that rise, anything."""
+    ox, oy, oz = start
     dx, dy, dz = direction
-    falls = dz < -1e-6
-    # Rays that do not fall are taken out at the end; until then they must not divide by 0.
+    # Rays that do not fall must not divide by 0.
     steep = jnp.where(falls, dz, -1.0)
     high = (street.kerb_m - oz) / steep
     low = -oz / steep
@@ -117,15 +131,13 @@ def cast_ground(
         outside = past_kerb(street, ox + middle * dx, oy + middle * dy) > 0.0
         return jnp.where(outside, before, middle), jnp.where(outside, middle, after)
 
-    before, after = jax.lax.fori_loop(0, HALVINGS, halve, (high, low))
-    t = jnp.where(on_top, high, jnp.where(face, 0.5 * (before + after), low))
-    return t, falls & (t > 0.0), face
+    before, after = when(face, lambda high, low: jax.lax.fori_loop(0, HALVINGS, halve, (high, low)), high, low)
+    return jnp.where(on_top, high, jnp.where(face, 0.5 * (before + after), low)), face
 
 
-@jax.jit
 def ground_normal(
     street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"], *, face: Bool[Array, "*r"]
-) -> Float[Array, "3 *r"]:
+) -> Triple:
     """Up, and at a kerb's face towards the road."""
     step = 0.02
     here = past_kerb(street, x, y)
@@ -133,32 +145,24 @@ def ground_normal(
     gx = past_kerb(street, x + step, y) - here
     gy = past_kerb(street, x, y + step) - here
     size = jnp.maximum(jnp.sqrt(gx * gx + gy * gy), 1e-6)
-    flat = jnp.zeros_like(x)
-    return vector(*(jnp.where(face, side, top) for side, top in ((-gx / size, 0.0), (-gy / size, 0.0), (flat, 1.0))))
-
-
-def street_surface(
-    street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"]
-) -> Ground:
-    """What the ground is made of. Two jitted steps: what many parts need is worked out once."""
-    return _made_of(street, at, kerb, pixel_m=pixel_m, course=_course(street, at))
+    return jnp.where(face, -gx / size, 0.0), jnp.where(face, -gy / size, 0.0), jnp.where(face, 0.0, 1.0)
 
 
 class Course(NamedTuple):
     """Where a place of the ground lies in its street, and its noise about 0, from fine to coarse."""
 
-    off: Float[Array, "h w"]
+    off: Float[Array, "*r"]
     """Metres from the middle of the road."""
-    beyond: Float[Array, "h w"]
+    beyond: Float[Array, "*r"]
     """Metres past the kerb."""
-    grain: Float[Array, "h w"]
-    tuft: Float[Array, "h w"]
-    blotch: Float[Array, "h w"]
-    field: Float[Array, "h w"]
+    grain: Float[Array, "*r"]
+    tuft: Float[Array, "*r"]
+    blotch: Float[Array, "*r"]
+    field: Float[Array, "*r"]
 
 
-@jax.jit
-def _course(street: Street, at: Float[Array, "3 h w"]) -> Course:
+def ground_course(street: Street, at: Triple) -> Course:
+    """Where places of the ground lie, which many parts of its surface need: a step of its own."""
     x, y = at[0], at[1]
     seed = street.seed.astype(jnp.int32)
     scales = ((23.0, 23.0, 0), (5.0, 5.0, 3), (0.9, 1.7, 1), (0.11, 0.5, 2))
@@ -166,10 +170,10 @@ def _course(street: Street, at: Float[Array, "3 h w"]) -> Course:
     return Course(aside(street, x, y), past_kerb(street, x, y), *noise)
 
 
-@jax.jit
-def _made_of(
-    street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"], course: Course
+def ground_surface(
+    street: Street, at: Triple, kerb: Bool[Array, "*r"], *, pixel_m: Float[Array, "*r"], course: Course
 ) -> Ground:
+    """What the ground is made of."""
     x = at[0]
     off, beyond, grain, tuft, blotch, field = course
     seed = street.seed.astype(jnp.int32)
@@ -188,23 +192,21 @@ def _made_of(
     wet = is_road & (smooth_noise(x * 0.25, off * 0.6, seed + 11) < street.wet)
     is_kerb = kerb | (~is_road & (beyond < 0.16))
     green = (beyond > street.pavement_m) & (street.green > 0.5)
-    line = everywhere(jnp.array((0.62, 0.62, 0.58), jnp.float32), x)
-    slab = everywhere(jnp.array((0.27, 0.27, 0.25), jnp.float32), x)
-    kerbstone = everywhere(jnp.array((0.30, 0.29, 0.27), jnp.float32), x)
-    grass = everywhere(jnp.array((0.055, 0.10, 0.028), jnp.float32), x)
-    straw = everywhere(jnp.array((0.19, 0.17, 0.09), jnp.float32), x)
-    meadow = lawn[None] * (grass + (straw - grass) * dry[None])
-    behind = jnp.where(green[None], meadow, stone[None] * slab)
-    behind = jnp.where(is_kerb[None], kerbstone * (1.0 + 0.5 * fine * grain + 0.3 * blotch)[None], behind)
-    painted = road[None] + (line - road[None]) * paint[None]
-    rgb = jnp.where(is_road[None], painted * jnp.where(wet, WET_RGB, 1.0)[None], behind)
+
+    def colour(i: int) -> Float[Array, "*r"]:
+        meadow = lawn * (GRASS[i] + (STRAW[i] - GRASS[i]) * dry)
+        behind = jnp.where(green, meadow, stone * SLAB[i])
+        behind = jnp.where(is_kerb, KERBSTONE[i] * (1.0 + 0.5 * fine * grain + 0.3 * blotch), behind)
+        painted = road + (LINE[i] - road) * paint
+        return jnp.where(is_road, painted * jnp.where(wet, WET_RGB, 1.0), behind)
+
     nir = road_nir + (0.62 - road_nir) * paint
     behind = jnp.where(green, (0.52 - 0.12 * dry) * (1.0 + 0.5 * (lawn - 1.0)), stone_nir)
     behind = jnp.where(is_kerb, 0.40 * (1.0 + 0.3 * fine * grain + 0.2 * blotch), behind)
     nir = jnp.where(is_road, nir * jnp.where(wet, WET_NIR, 1.0), behind)
     paved_plot = jnp.where(beyond > street.pavement_m + 1.0, OPEN_GROUND, PAVEMENT)
     semantic = jnp.where(is_road, ROAD, jnp.where(is_kerb, PAVEMENT, jnp.where(green, TERRAIN, paved_plot)))
-    return Ground(rgb, nir, semantic.astype(jnp.int32), is_road & (paint > 0.5), wet)
+    return Ground(each(colour), nir, semantic.astype(jnp.int32), is_road & (paint > 0.5), wet)
 
 
 def _asphalt(street: Street, x, off, *, noise, seed):
@@ -238,7 +240,7 @@ def _paving(street: Street, x, off, *, noise, seed):
     return shade, 0.36 * (1.0 + 0.7 * (shade - 1.0))
 
 
-def _markings(street: Street, x, off, *, beyond) -> Float[Array, "h w"]:
+def _markings(street: Street, x, off, *, beyond) -> Float[Array, "*r"]:
     """1 where the road is painted: middle line, edge lines, bays, a zebra crossing, give-way lines."""
 
     def near(value, width):

@@ -7,8 +7,10 @@ Boxes are corners (n, 8, 3) in the frame of the rays; a mask is (tiles down, til
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from jaxsim.data.synthetic.raycast import TileSolids
 from jaxsim.data.synthetic.solids import CAPACITY
@@ -84,12 +86,29 @@ def slanted_mask(
 
 
 def solids_by_tile(mask: _Mask, counts: tuple[int, int, int]) -> TileSolids:
-    """Lists of a mask's solids, tile by tile; leaves have tiles first, (down * across, ...)."""
+    """Lists of a mask's solids; leaves have tiles first, (down * across, ...), those of most solids last."""
     flat = mask.reshape(-1, mask.shape[-1])
     kinds = np.split(flat, np.cumsum(counts)[:2], axis=1)
     lists = [_lists(m, room) for m, room in zip(kinds, CAPACITY, strict=True)]
     met = np.stack([m.sum(axis=1) for m in kinds], axis=1).astype(np.int32)
-    return TileSolids(polyhedra=lists[0], rounds=lists[1], crowns=lists[2], counts=met)
+    order = np.lexsort((met[:, 2], met[:, 1], met[:, 0]))
+    polyhedra, rounds, crowns = [each[order] for each in lists]
+    return TileSolids(order.astype(np.int32), polyhedra, rounds, crowns, met[order])
+
+
+def in_raster(
+    rows: Sequence[Shaped[np.ndarray, "t1 r"]],
+    order: Int[np.ndarray, " t"],
+    *,
+    tile: tuple[int, int],
+    size: tuple[int, int],
+) -> Shaped[np.ndarray, "h w"]:
+    """The raster of values that stand tile by tile: parts one after the other, `order` the tiles' numbers."""
+    down, across = -(-size[0] // tile[0]), -(-size[1] // tile[1])
+    cut = np.empty((down * across, tile[0] * tile[1]), rows[0].dtype)
+    cut[order] = np.concatenate(rows)
+    raster = cut.reshape(down, across, *tile).swapaxes(1, 2).reshape(down * tile[0], across * tile[1])
+    return np.ascontiguousarray(raster[: size[0], : size[1]])
 
 
 def _lists(mask: Bool[np.ndarray, "tiles n"], room: int) -> Int[np.ndarray, "tiles room"]:

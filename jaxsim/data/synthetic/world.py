@@ -4,9 +4,11 @@ view.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Any
 
 import jax
 import numpy as np
@@ -30,7 +32,7 @@ from jaxsim.data.synthetic.render import (
     scan,
 )
 from jaxsim.data.synthetic.solids import Thing, along_street, in_world, poses_at
-from jaxsim.data.synthetic.tiles import pinhole_mask, polar_mask, slanted_mask, solids_by_tile
+from jaxsim.data.synthetic.tiles import in_raster, pinhole_mask, polar_mask, slanted_mask, solids_by_tile
 from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
 from jaxsim.geometry import LidarSpec, camera_from_projection, directions, full_grid, preset
@@ -115,8 +117,10 @@ class SyntheticWorld:
     def __getitem__(self, index: int) -> Frame:
         """Renders frame `index`. Raises IndexError outside 0 .. len - 1."""
         moment = self._moment(index)
-        view = self._view(moment)
-        image = self.measure(index, self._truth(moment))
+        view, image = _at_once(
+            lambda: self._view(moment),
+            lambda: self.measure(index, self._truth(moment)),
+        )
         return Frame(
             name=self.name_of(index),
             scene=f"synthetic-{self.seed}-drive-{index // FRAMES_PER_DRIVE:05d}",
@@ -195,16 +199,23 @@ class SyntheticWorld:
         u = np.arange(0, width + CAMERA_TILE[1], CAMERA_TILE[1]) - 0.5
         v = np.arange(0, height + CAMERA_TILE[0], CAMERA_TILE[0]) - 0.5
         mask = pinhole_mask(_into(cam_pose, corners), self.camera.intrinsics, u_px=u, v_px=v)
-        return _host(
-            look(
-                moment.scene,
-                shadows,
-                self.camera.intrinsics,
-                cam_pose=cam_pose.astype(np.float32),
-                candidates=solids_by_tile(mask, counts),
-                size=self.image_size,
+        halves = _halves(solids_by_tile(mask, counts))
+
+        def see(listed: TileSolids) -> CameraView:
+            return _host(
+                look(
+                    moment.scene,
+                    shadows,
+                    self.camera.intrinsics,
+                    cam_pose=cam_pose.astype(np.float32),
+                    candidates=listed,
+                    width=width,
+                )
             )
-        )
+
+        seen = _at_once(*(partial(see, half) for half in halves))
+        tiles = np.concatenate([half.tile for half in halves])
+        return jax.tree.map(lambda *rows: in_raster(rows, tiles, tile=CAMERA_TILE, size=self.image_size), *seen)
 
     def _boxes(self, moment: _Moment, instance: Int[np.ndarray, "h w"]) -> Boxes:
         cam_from_world = self.camera.cam_from_velo.astype(np.float64) @ np.linalg.inv(moment.velo_pose)
@@ -257,6 +268,19 @@ def cloud_of(image: PolarImage, spec: LidarSpec, columns: int) -> Cloud:
 
 def _host(tree):
     return jax.tree.map(np.asarray, tree)
+
+
+def _at_once(*jobs: Callable[[], Any]) -> list[Any]:
+    """What the jobs give, each done by a thread: a chain of small programs keeps no more than one core busy."""
+    with ThreadPoolExecutor(len(jobs)) as threads:
+        return [done.result() for done in [threads.submit(job) for job in jobs]]
+
+
+def _halves(listed: TileSolids) -> list[TileSolids]:
+    """Every other tile, so that both have about as much to meet; where their number is odd one is in both."""
+    count = len(listed.tile)
+    rows = np.arange(count + count % 2) % count
+    return [jax.tree.map(lambda leaf, half=half: leaf[half], listed) for half in (rows[::2], rows[1::2])]
 
 
 def _rotation(axis: int, angle_rad: float) -> Float[np.ndarray, "3 3"]:

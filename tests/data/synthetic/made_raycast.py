@@ -28,5 +28,5 @@ def slow_noise(x: np.ndarray) -> float:
 
 
 def bundle(eye: np.ndarray, aim: np.ndarray) -> tuple:
-    """The kernel's layout: one tile of rays, components first."""
-    return jnp.asarray(eye[:, None, None], jnp.float32), jnp.asarray(aim.T[:, None, :], jnp.float32)
+    """The kernel's layout: one tile of rays, component by component."""
+    return tuple(jnp.asarray(eye[:, None, None], jnp.float32)), tuple(jnp.asarray(aim.T[:, None, :], jnp.float32))

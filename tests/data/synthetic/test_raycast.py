@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.data.synthetic.raycast import SKY_M, enter_crown, enter_polyhedron, enter_round
+from jaxsim.data.synthetic.raycast import SKY_M, enter_crown, enter_polyhedron, enter_round, entered_face
 from jaxsim.data.synthetic.solids import LEAF_M, Look, Model
 from tests.data.synthetic.made_raycast import bundle, slow_noise
 
@@ -71,7 +71,8 @@ def test_rays_enter_a_polyhedron_where_its_planes_say(seed: int) -> None:
     model.box(tuple(low), tuple(low + rng.uniform(0.3, 5, 3)), STONE, cuts=cuts)
     planes = model.polyhedra[0][0]
     eye, aim = rays_at(rng, low + 0.6, 1.0)
-    fast, face = enter_polyhedron(*bundle(eye, aim), planes[None].astype(np.float32))
+    solid = planes[None].astype(np.float32)
+    fast, face = (enters(*bundle(eye, aim), solid) for enters in (enter_polyhedron, entered_face))
     slow = slow_polyhedron(eye, aim, planes)
     agree(np.asarray(fast)[0], slow, 1e-3)
     hit = (np.asarray(fast)[0] < SKY_M) & (slow < SKY_M)
@@ -85,9 +86,9 @@ def test_a_ray_along_a_face_outside_it_misses() -> None:
     model.box((-1, -1, -1), (1, 1, 1), STONE)
     planes = model.polyhedra[0][0][None].astype(np.float32)
     eye, aim = np.array([-5.0, 0.0, 1.5]), np.array([[1.0, 0.0, 0.0]])
-    assert np.asarray(enter_polyhedron(*bundle(eye, aim), planes)[0])[0, 0] == SKY_M
+    assert np.asarray(enter_polyhedron(*bundle(eye, aim), planes))[0, 0] == SKY_M
     eye[2] = 0.5
-    assert np.asarray(enter_polyhedron(*bundle(eye, aim), planes)[0])[0, 0] == pytest.approx(4.0)
+    assert np.asarray(enter_polyhedron(*bundle(eye, aim), planes))[0, 0] == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -6,7 +6,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsim.data.synthetic.street import WET_NIR, WET_RGB, Street, cast_ground, past_kerb, street_surface
+from jaxsim.data.synthetic.street import (
+    WET_NIR,
+    WET_RGB,
+    Street,
+    cast_ground,
+    ground_course,
+    ground_surface,
+    past_kerb,
+)
 from tests.data.synthetic.made_raycast import bundle
 
 RAYS = 400
@@ -67,9 +75,10 @@ def test_rays_that_rise_never_meet_the_ground() -> None:
 
 def test_water_lies_on_a_share_of_the_road_and_takes_light_at_both_wavelengths() -> None:
     x, y = np.meshgrid(np.linspace(-20, 60, 400, dtype=np.float32), np.linspace(-8, 8, 160, dtype=np.float32))
-    at, kerb, pixel_m = np.stack([x, y, np.zeros_like(x)]), np.zeros(x.shape, bool), np.full(x.shape, 0.05, np.float32)
-    dry = street_surface(a_street(), at, kerb, pixel_m=pixel_m)
-    rained = street_surface(a_street(0.4), at, kerb, pixel_m=pixel_m)
+    at = tuple(jnp.asarray(c) for c in (x, y, 0 * x))
+    rest = {"pixel_m": jnp.full(x.shape, 0.05, jnp.float32), "course": ground_course(a_street(), at)}
+    dry = ground_surface(a_street(), at, jnp.zeros(x.shape, bool), **rest)
+    rained = ground_surface(a_street(0.4), at, jnp.zeros(x.shape, bool), **rest)
     road = np.asarray(dry.semantic == 7)
     wet = np.asarray(rained.wet)
     assert not np.asarray(dry.wet).any()

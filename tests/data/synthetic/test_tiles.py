@@ -29,7 +29,7 @@ def everything_agrees(
     scene: tuple, origin: np.ndarray, direction: np.ndarray, mask: np.ndarray, *, share: float = 0.3
 ) -> None:
     drive, solids, _ = scene
-    rays = jnp.asarray(origin, jnp.float32), jnp.asarray(direction, jnp.float32)
+    rays = [tuple(jnp.asarray(rays, jnp.float32)) for rays in (origin, direction)]
     counts = drive.parts.counts
     listed, full = (solids_by_tile(m, counts) for m in (mask, np.ones_like(mask)))
     few, all_ = (CAST(solids, *rays, candidates=c, tile=TILE) for c in (listed, full))
