@@ -70,9 +70,7 @@ def map_place(
 
 
 @jax.jit
-def lit(
-    shadows: Shadows, light: Light, at: Triple, *, normal: Triple
-) -> Float[Array, "*r"]:
+def lit(shadows: Shadows, light: Light, at: Triple, *, normal: Triple) -> Float[Array, "*r"]:
     """Share of the sun that reaches each point, from its four cells of the map."""
     x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
     # A point is lifted off its surface by about a cell of the map, or the surface would shade itself.
@@ -142,8 +140,8 @@ def _veiled(light: Light, direction: Triple, *, mass: Float[Array, "*r"]) -> Tri
     glow = 0.25 * towards_sun**8
 
     def colour(i: int) -> Float[Array, "*r"]:
-        sun, horizon, zenith = light.sun_rgb[i], light.horizon_rgb[i], light.zenith_rgb[i]
-        clear = horizon + (zenith - horizon) * blue + glow * sun
+        sun, horizon = light.sun_rgb[i], light.horizon_rgb[i]
+        clear = horizon + (light.zenith_rgb[i] - horizon) * blue + glow * sun
         white = (0.72 + 0.28 * mass) * (horizon * 0.8 + 0.22 * sun)
         return clear + (white - clear) * veil
 
@@ -198,9 +196,7 @@ def shade(
 
 
 @jax.jit
-def develop(
-    light: Light, radiance: Triple, behind: Triple, *, in_sky: Bool[Array, "*r"]
-) -> Triple:
+def develop(light: Light, radiance: Triple, behind: Triple, *, in_sky: Bool[Array, "*r"]) -> Triple:
     """Display values 0..1 of surfaces, and of the sky behind them: exposure, a film's shoulder, sRGB's gamma."""
 
     def channel(i: int) -> Float[Array, "*r"]:

@@ -121,7 +121,7 @@ def _marks(look: Looks, hit: Hit, *, pixel_m: Float[Array, "*r"], things: Bool[A
     for code, work in marked.items():
         here = things & (pattern == code)
 
-        def paint(p, n, marks, here=here, work=work) -> Marks:
+        def paint(p, n, marks, *, here=here, work=work) -> Marks:
             return Marks(*(jnp.where(here, new, old) for new, old in zip(work(p, n), marks, strict=True)))
 
         marks = jax.lax.cond(here.any(), paint, lambda p, n, marks: marks, p, n, marks)

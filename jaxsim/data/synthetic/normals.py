@@ -29,17 +29,15 @@ def normals(
 ) -> Triple:
     """Unit normals, outward, by the codes and solids of `raycast`, the places, and where these are a kerb's face."""
 
-    def block(code: Int[Array, "*r"], solid: Int[Array, "*r"], at: Triple, kerb: Bool[Array, "*r"]) -> Triple:
-        return _by_kind(solids, street, code, solid=solid, at=at, kerb=kerb)
-
-    return in_blocks(block, code, solid, at, kerb)
+    fields = {"code": code, "solid": solid, "at": at, "kerb": kerb}
+    return in_blocks(lambda block: _by_kind(solids, street, **block), fields)
 
 
 def _by_kind(
     solids: Solids,
     street: Street,
-    code: Int[Array, "*r"],
     *,
+    code: Int[Array, "*r"],
     solid: Int[Array, "*r"],
     at: Triple,
     kerb: Bool[Array, "*r"],
@@ -68,7 +66,8 @@ def _round_normal(solids: Solids, solid: Int[Array, "*r"], at: Triple) -> Triple
     # Each ray's quadric, row by row, and whether it is a ball.
     number = jnp.clip(solid - POLYHEDRA, 0, ROUNDS + CROWNS - 1)
     balls = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])
-    *rows, ball = (column[number] for column in (*solids.conics.reshape(-1, 12).T, balls))
+    rows = [column[number] for column in solids.conics.reshape(-1, 12).T]
+    ball = balls[number]
     local = [sum(rows[4 * i + j] * at[j] for j in range(3)) + rows[4 * i + 3] for i in range(3)]
     # The quadric's gradient in its own frame is the place itself, without z on a cylinder; A^T takes it to `world`.
     cap = (ball < 0.5) & (jnp.abs(local[2]) > 0.999)

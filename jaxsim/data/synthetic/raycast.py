@@ -174,8 +174,8 @@ def _cast_together(
         return enter_polyhedron(origin, direction, planes), number[:, None] * FACES + face
 
     def rounds(number: Int[Array, " t"]) -> tuple[Array, Array]:
-        conic, roundness, bore = solids.conics[number], solids.roundness[number], solids.bore[number]
-        enter = enter_round(origin, direction, conic, roundness=roundness, bore=bore)
+        form = {"roundness": solids.roundness[number], "bore": solids.bore[number]}
+        enter = enter_round(origin, direction, solids.conics[number], **form)
         return enter, jnp.broadcast_to((number[:, None] + POLYHEDRA) * FACES, shape)
 
     def crowns(number: Int[Array, " t"]) -> tuple[Array, Array]:
@@ -186,7 +186,7 @@ def _cast_together(
     lists = (candidates.polyhedra, candidates.rounds, candidates.crowns)
     for kind, (enter, listed) in enumerate(zip((polyhedra, rounds, crowns), lists, strict=True)):
 
-        def trial(k: Int[Array, ""], state, enter=enter, listed=listed):
+        def trial(k: Int[Array, ""], state, *, enter=enter, listed=listed):
             # A trial's answer counts in the next: compared at once, XLA on a CPU would work it out for both results.
             best, last = state
             return _nearer(best, last), enter(listed[:, k])
@@ -213,9 +213,7 @@ def _faces(
 
 
 @jax.jit
-def enter_polyhedron(
-    origin: Starts, direction: Triple, planes: Float[Array, "t faces 4"]
-) -> Float[Array, "t r"]:
+def enter_polyhedron(origin: Starts, direction: Triple, planes: Float[Array, "t faces 4"]) -> Float[Array, "t r"]:
     """Where each ray enters its tile's polyhedron, SKY_M if it does not."""
     shape = direction[0].shape
     enter, leave = jnp.full(shape, -SKY_M, jnp.float32), jnp.full(shape, SKY_M, jnp.float32)
@@ -238,7 +236,8 @@ def entered_face(origin: Starts, direction: Triple, planes: Float[Array, "t face
     face = jnp.zeros(shape, jnp.int32)
     for f, (towards, room) in enumerate(_faces(origin, direction, planes)):
         later = jnp.where(towards < 0.0, room * under - over * towards, -1.0) > 0.0
-        over, under, face = jnp.where(later, room, over), jnp.where(later, towards, under), jnp.where(later, f, face)
+        over, under = jnp.where(later, room, over), jnp.where(later, towards, under)
+        face = jnp.where(later, f, face)
     return face
 
 

@@ -242,9 +242,7 @@ def scan(scene: LitScene, grid: PolarGrid, *, velo_pose: Float[Array, "4 4"], ca
 
 
 @jax.jit
-def _beams(
-    grid: PolarGrid, velo_pose: Float[Array, "4 4"]
-) -> tuple[Starts, Triple]:
+def _beams(grid: PolarGrid, velo_pose: Float[Array, "4 4"]) -> tuple[Starts, Triple]:
     turn = velo_pose[:3, :3]
     origin = each(lambda i: turn[i, 2] * grid.origin_m[:, None] + velo_pose[i, 3])
     rays = directions(grid)

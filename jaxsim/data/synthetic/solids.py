@@ -40,7 +40,8 @@ FROM_M, TO_M = -70.0, 150.0
 
 # An upright box's planes, the first six. A plane without a normal has everything inside of it: all have FACES.
 _SIDES = np.zeros((FACES, 4))
-_SIDES[:3, :3], _SIDES[3:6, :3], _SIDES[6:, 3] = -np.eye(3), np.eye(3), 1.0
+_SIDES[:3, :3], _SIDES[3:6, :3] = -np.eye(3), np.eye(3)
+_SIDES[6:, 3] = 1.0
 
 
 class Pattern(IntEnum):

@@ -28,7 +28,8 @@ HALVINGS = 6
 ROAD, PAVEMENT = IDS["road"], IDS["sidewalk"]
 OPEN_GROUND, TERRAIN = IDS["ground"], IDS["terrain"]
 LINE_M = 0.13
-LINE, SLAB, KERBSTONE = (0.62, 0.62, 0.58), (0.27, 0.27, 0.25), (0.30, 0.29, 0.27)
+LINE, SLAB = (0.62, 0.62, 0.58), (0.27, 0.27, 0.25)
+KERBSTONE = (0.30, 0.29, 0.27)
 GRASS, STRAW = (0.055, 0.10, 0.028), (0.19, 0.17, 0.09)
 WET_RGB, WET_NIR = 0.55, 0.45
 """What a film of water leaves of the albedo."""
@@ -135,9 +136,7 @@ def _meet_ground(street: Street, start: Triple, direction: Triple, *, falls: Arr
     return jnp.where(on_top, high, jnp.where(face, 0.5 * (before + after), low)), face
 
 
-def ground_normal(
-    street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"], *, face: Bool[Array, "*r"]
-) -> Triple:
+def ground_normal(street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"], *, face: Bool[Array, "*r"]) -> Triple:
     """Up, and at a kerb's face towards the road."""
     step = 0.02
     here = past_kerb(street, x, y)
