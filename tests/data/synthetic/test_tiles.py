@@ -9,7 +9,7 @@ from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.synthetic.layout import Drive, lay_out
 from jaxsim.data.synthetic.raycast import cast_solids
 from jaxsim.data.synthetic.solids import Solids, in_world, poses_at
-from jaxsim.data.synthetic.tiles import pinhole_mask, polar_mask, slanted_mask, solids_by_tile
+from jaxsim.data.synthetic.tiles import in_raster, pinhole_mask, polar_mask, slanted_mask, solids_by_tile
 from jaxsim.geometry import directions, full_grid, preset
 
 TILE = (16, 16)
@@ -70,3 +70,19 @@ def test_sunbeam_tiles_lack_nothing(scene: tuple) -> None:
     ground = np.stack(np.broadcast_arrays(*np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), 0.0))
     origin = ground + (100 * sun)[:, None, None]
     everything_agrees(scene, origin, np.broadcast_to(-sun[:, None, None], origin.shape), mask)
+
+
+@pytest.mark.parametrize("size", [(32, 48), (30, 41), (5, 7)])
+def test_a_raster_is_put_together_of_tiles_in_any_order(size: tuple[int, int]) -> None:
+    raster = np.arange(size[0] * size[1]).reshape(size)
+    down, across = -(-size[0] // TILE[0]), -(-size[1] // TILE[1])
+    wide = np.pad(raster, [(0, n * t - s) for n, t, s in zip((down, across), TILE, size, strict=True)])
+    tiles = [
+        wide[i * TILE[0] : (i + 1) * TILE[0], j * TILE[1] : (j + 1) * TILE[1]].ravel()
+        for i in range(down)
+        for j in range(across)
+    ]
+    order = np.random.default_rng(1).permutation(len(tiles))
+    shuffled = np.stack(tiles)[order]
+    parts = np.array_split(shuffled, 2) if len(tiles) > 1 else [shuffled]
+    np.testing.assert_array_equal(in_raster(parts, order, tile=TILE, size=size), raster)
