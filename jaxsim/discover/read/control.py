@@ -66,7 +66,8 @@ class Control:
         """The control of the folder that `jaxsim discover --out` wrote, for a sensor of so many beams, if these
         are known.
 
-        Raises ValueError where it holds no paired answer, or one of a sensor of another number of beams.
+        Raises ValueError where it holds no paired answer, one beside a control, or one of a sensor of another number of
+        beams.
         """
         folder = Path(folder)
         told = folder / "verdict.json"
@@ -78,10 +79,16 @@ class Control:
         content = read_json(told, by="discover")
         with placed(f"discover: {told} is no verdict of `jaxsim discover`", KeyError, TypeError, AttributeError):
             paired, contrast = content["levels"], content.get("contrast")
+            beside = content.get("control")
         if not paired:
             raise ValueError(
                 f"discover: {told} is an answer of --unpaired frames, which are not compared ray by ray; give one of "
                 "frames of the same names as the control"
+            )
+        if beside:
+            raise ValueError(
+                f"discover: {told} is itself an answer beside a control, and says only what came on top of that; give "
+                "that control, or an answer without one"
             )
         model = SensorModel.load(folder / "sensor.json", rows=rows)
         # Levels are no effects: both sides of the new frames tell theirs.

@@ -13,7 +13,7 @@ from jaxsim.data.polar_frames import write_grid
 from jaxsim.discover import NO_CONTROL, Comparison, Control, discover
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.read.control import read_sides, write_sides
-from jaxsim.discover.verdict import Contrast, Interval, Level, Verdict
+from jaxsim.discover.verdict import Contrast, InPlace, Interval, Level, Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarGrid
 from tests.discover.toy import toy
@@ -142,6 +142,9 @@ def test_what_is_no_earlier_answer_is_refused(tmp_path: Path):
     result = results.named()
     replace(result.verdict, levels=()).save(tmp_path)
     with pytest.raises(ValueError, match=r"is an answer of --unpaired frames"):
+        Control.load(tmp_path)
+    replace(result.verdict, levels=PAIRED, control=InPlace(("beam_gain",), contrast_off=False)).save(tmp_path)
+    with pytest.raises(ValueError, match=r"is itself an answer beside a control"):
         Control.load(tmp_path)
     replace(result.verdict, levels=PAIRED).save(tmp_path)
     with pytest.raises(ValueError, match=r"no file .*sensor.json"):
