@@ -106,7 +106,7 @@ def test_a_scan_without_laser_lines_cannot_be_compared(run: Path):
 def test_the_command_compares_what_it_wrote(run: Path, tmp_path: Path, monkeypatch, capsys):
     seen = []
 
-    def answer(*, simulated, measured, known, nulls, every_frame, log):
+    def answer(*, simulated, measured, known, control, nulls, every_frame, log):
         assert not known.effects
         assert (nulls, every_frame) == (7, False)
         seen.extend([simulated, measured, *read_comparison(simulated, measured).names])

@@ -95,5 +95,5 @@ def test_what_other_sides_show_as_well_is_told_with_what_that_means():
     [noise, own] = told(elsewhere=found)
     assert "not said: mixed_pixels. With the sides exchanged" in noise
     assert "what noise of both does" in noise
-    assert "not said: snr_dropout, drop along power. The control's frames show it" in own
+    assert "not said: snr_dropout, drop along power. The control's frames do not clearly differ in it" in own
     assert "by itself, and nothing new" in own
