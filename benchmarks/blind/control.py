@@ -70,7 +70,7 @@ def run(job: Job, folder: Path, settings: Row) -> Row:
     late = Part("time", tuple(range(2 * EACH, 3 * EACH)), None, None, ((),) * 3 * EACH)
     key = make_case(case, effect=job.effect, severity=job.severity, seed=seed, scenes=3 * EACH, part=late)
     error = learn(case, angles=settings["angles"])
-    before, now = (divide(case, name, part) for part, name in enumerate(("control", "now"), 1))
+    before, now = divide(case, "control", 1), divide(case, "now", 2)
     began = time.process_time()
     answered = discover(read_comparison(*before))
     answered.verdict.save(case / "answer")

@@ -23,7 +23,7 @@ from jaxsim.discover.model.noise_levels import Levels, on_lattices
 from jaxsim.discover.model.null import fit_null, on_evidence
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.read.control import NO_CONTROL
+from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.scenes import Split, split_scenes
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
@@ -88,10 +88,8 @@ class Division:
     """Of the frames."""
     scenes: tuple[str, ...] = ()
     """Of the frames; a block's are `blocks.scene`, which are sectors where all frames are of one drive."""
-    control: SensorModel = NOTHING_YET
+    control: Control = NO_CONTROL
     """What the simulator lacks by itself, before all that is known of the sensor."""
-    controlled: bool = False
-    """Whether that was asked."""
 
     @classmethod
     def of(
@@ -143,8 +141,7 @@ class Division:
             between_unknown=comparison.between_unknown,
             names=comparison.names,
             scenes=comparison.scenes,
-            control=comparison.control.of_rays,
-            controlled=comparison.control is not NO_CONTROL,
+            control=comparison.control,
         )
 
     def looking_at(self, chosen: Blocks) -> Division:
@@ -180,7 +177,7 @@ class Division:
         if self.between_unknown:
             between = get_effect("mixed_pixels")
             ev = replace(ev, rays=between.apply({"probability": np.float32(UNKNOWN_BETWEEN)}, ev.rays))
-        for model in (self.control, known):
+        for model in (self.control.of_rays, known):
             if model.effects or model.learned:
                 ev = replace(ev, rays=model.apply(ev.rays, self.scan))
         return ev, scene
@@ -197,11 +194,12 @@ class NullModel:
     @classmethod
     def of(cls, division: Division, known: SensorModel = NOTHING_YET) -> NullModel:
         """Fits it. Raises ValueError for a learned law of what the frames do not hold."""
-        for law in (*division.control.learned, *known.learned):
+        control = division.control.of_rays
+        for law in (*control.learned, *known.learned):
             law.check(division.scan)
         ev, _ = division.evidence(division.parts.find, known)
         # The null needs the component of false returns as soon as a known effect makes some.
-        clutter = any(get_effect(name).clutter for name, _ in (*division.control.effects, *known.effects))
+        clutter = any(get_effect(name).clutter for name, _ in (*control.effects, *known.effects))
         problem, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
         return cls(division, known, problem)
 

@@ -61,6 +61,16 @@ def test_a_gain_before_a_threshold_costs_echoes_and_gamma_after_it_does_not():
     np.testing.assert_array_equal(np.asarray(flat.log_keep), np.asarray(plain.log_keep))
 
 
+def test_models_are_put_beside_one_another_and_taken_apart():
+    gain, fall = ("beam_gain", {"gain": 0.1}), ("range_falloff", {"exponent": 0.4})
+    both = SensorModel((gain,)).beside(SensorModel((("beam_gain", {"gain": 0.3}), fall)))
+    # What the first has stands as it has it.
+    assert both == SensorModel((fall, gain))
+    assert both.names == tuple(name for name, _ in both.effects)
+    assert both.without(SensorModel((gain,))) == SensorModel((fall,))
+    assert both.without(SensorModel((("beam_gain", {"gain": 0.2}),))) == both
+
+
 def test_what_is_saved_is_loaded(tmp_path):
     gains = tuple(float(g) for g in np.linspace(-0.2, 0.2, 5))
     model = SensorModel((("beam_gain", {"gain": gains}), ("material_dropout", {"probability": (0.1,) * 34})))

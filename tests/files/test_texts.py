@@ -1,6 +1,7 @@
 """Text and JSON: nothing is passed over."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -48,8 +49,9 @@ def test_what_python_alone_takes_for_a_number_is_none(tmp_path, word):
 
 def test_a_frame_listed_twice_is_refused(tmp_path):
     (tmp_path / "val.txt").write_text("000001\n000002\n000001\n")
-    with pytest.raises(ValueError, match="names 000001 more than once"):
-        read_names(tmp_path / "val.txt", by="kitti")
+    for read in (frame_list, partial(read_names, by="kitti")):
+        with pytest.raises(ValueError, match="names 000001 more than once"):
+            read(tmp_path / "val.txt")
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from jaxsim.data.polar_frames import read_grid
+from jaxsim.discover.read.registration import MOTION_PARTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import placed, read_entry, read_json, write_text
 from jaxsim.geometry.sensor import grid_difference
 
 SIDES = "sides.json"
 """Beside an answer: where the two folders are that it compared."""
-MOUNTING = ("extrinsic_rotation", "extrinsic_translation", "beam_elevation_error")
-"""Effects that are put in place by casting the simulated frames again (`mounting`)."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +34,8 @@ class Control:
 
     @property
     def mounting(self) -> SensorModel:
-        """Its effects that are of the mounting."""
-        pairs = [pair for pair in self.model.effects if pair[0] in MOUNTING and pair[0] not in self.model.regions]
+        """Its effects that are of the mounting, which are put in place by casting the simulated frames again."""
+        pairs = [pair for pair in self.model.effects if pair[0] in MOTION_PARTS and pair[0] not in self.model.regions]
         return SensorModel(tuple(pairs))
 
     @property

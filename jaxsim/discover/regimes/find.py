@@ -17,6 +17,7 @@ from jaxsim.discover.name.answer import Answer, named_answer, outdone
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
+from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_discovery_rates, scenes_by_size
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
 from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells_of, questions
@@ -154,7 +155,7 @@ def find_regimes(
     channels `without`."""
     null = model.problem
     facts = facts_of(model.division)
-    controlled = model.division.controlled
+    controlled = model.division.control is not NO_CONTROL
     asked = questions(facts)
     choice = answer.choice
     regimes: list[Regime] = []

@@ -7,7 +7,7 @@ from jaxsim.discover import discover
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.name.other_sides import OtherSides, alike
+from jaxsim.discover.name.other_sides import OtherSides, alike, clearly_more
 from jaxsim.discover.name.select import fitted_step
 from jaxsim.discover.read import Comparison
 from jaxsim.effects import get_effect, scan_of
@@ -77,6 +77,22 @@ def test_what_the_control_shows_as_well_is_not_new():
     step = fitted_step(null.problem, best, ranking=[best], good=[best])
     assert OtherSides.of_control(both).has(step, null.problem)
     assert not OtherSides.of_control(new).has(step, null.problem)
+
+
+@pytest.mark.parametrize(("apart", "clear"), [(0.0, False), (0.5, False), (4.0, True)])
+def test_scenes_must_tell_themselves_from_the_controls(apart, clear):
+    rng = np.random.default_rng(2)
+    there, here = rng.normal(apart, 1, 9), rng.normal(0, 1, 12)
+    assert clearly_more(there, here) == clear
+    # Less is not more.
+    assert not clearly_more(here, there)
+
+
+def test_two_alike_groups_of_scenes_pass_as_rarely_as_the_rule_says():
+    rng = np.random.default_rng(3)
+    passed = [clearly_more(rng.normal(0, 1, 8), rng.normal(0, 1, 8)) for _ in range(400)]
+    # At 0.002 more than five of 400 are a matter of one in a thousand.
+    assert sum(passed) <= 5
 
 
 def test_the_answer_is_none_and_a_note_says_what_was_found(standard_promotion):

@@ -10,6 +10,7 @@ import pytest
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.other_sides import EXCHANGED
 from jaxsim.discover.name.select import Choice
+from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.regimes import find
 from jaxsim.discover.regimes.chance import FoundRegion
 from jaxsim.discover.regimes.confine import Confined
@@ -67,7 +68,7 @@ def divide(monkeypatch, lead: Lead, answer: Answer, *, controlled: bool = False,
         "named_answer": named_answer,
     }.items():
         monkeypatch.setattr(find, name, stub)
-    model = SimpleNamespace(problem=None, division=SimpleNamespace(controlled=controlled))
+    model = SimpleNamespace(problem=None, division=SimpleNamespace(control=Control() if controlled else NO_CONTROL))
     return inspect.unwrap(find_regimes)(model, answer, **more), asked
 
 
