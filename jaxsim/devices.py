@@ -11,6 +11,7 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import wraps
 from typing import ParamSpec, TypeVar
@@ -26,6 +27,8 @@ _log = logging.getLogger(__name__)
 
 P = ParamSpec("P")
 R = TypeVar("R")
+A = TypeVar("A")
+B = TypeVar("B")
 
 DATA = "data"
 """The mesh's only axis: the batch is cut along it."""
@@ -185,6 +188,14 @@ def by_small_steps(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **named)
 
     return run
+
+
+def side_by_side(first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]:
+    """What two actions give that wait for nothing of each other, each in a thread of its own: programs and NumPy's
+    large steps leave Python to the other. Raises what the first raised, or else the second."""
+    with ThreadPoolExecutor(1) as pool:
+        told = pool.submit(second)
+        return first(), told.result()
 
 
 @contextmanager

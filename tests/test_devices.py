@@ -6,6 +6,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +20,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from jaxsim import devices
-from jaxsim.devices import by_small_steps
+from jaxsim.devices import by_small_steps, side_by_side
 from tests.programs import PATIENCE_S
 
 pytestmark = pytest.mark.long
@@ -228,3 +229,27 @@ def test_small_steps_are_on_the_cpu_where_there_is_one_beside_an_accelerator(has
         assert place() == {accelerator}
     finally:
         jax.config.update("jax_default_device", None)
+
+
+def test_two_actions_run_side_by_side_and_give_what_each_gives():
+    met = threading.Barrier(2, timeout=60)
+
+    def first():
+        met.wait()  # passed only while the other runs
+        return "first"
+
+    def second():
+        met.wait()
+        return 2
+
+    assert side_by_side(first, second) == ("first", 2)
+
+
+def test_of_two_actions_that_fail_the_first_one_is_told():
+    def fails(words):
+        raise ValueError(words)
+
+    with pytest.raises(ValueError, match="of the first"):
+        side_by_side(lambda: fails("of the first"), lambda: fails("of the second"))
+    with pytest.raises(ValueError, match="of the second"):
+        side_by_side(lambda: 1, lambda: fails("of the second"))

@@ -57,15 +57,15 @@ class Sides(IntoFolder):
 
         Raises ValueError where one is missing, and for flags that do not go together.
         """
-        # Networks and their checkpoints, which a command line that is refused need not wait for.
-        from jaxsim.simulate.sensor import load
-        from jaxsim.simulate.sides import write_lambert, write_pairs
-
         if self.lambert and (self.run or self.simulated):
             raise ValueError("discover: --lambert stands for a simulator, and one was given; leave one of them out")
         if self.run:
             if self.measured or self.simulated:
                 raise ValueError("discover: a run is held against its own data set; give it or two folders, not both")
+            # Networks and their checkpoints, which two folders need not wait for.
+            from jaxsim.simulate.sensor import load
+            from jaxsim.simulate.sides import write_pairs
+
             sensor = load(self.run)
             dataset, positions = self.data.open(sensor.run.experiment.data, frames=self.frames)
             return write_pairs(sensor, dataset, positions, out=self.out, log=_log)
@@ -76,6 +76,8 @@ class Sides(IntoFolder):
         sensed = _folder("--measured", self.measured)
         if not self.lambert:
             return _folder("--simulated", self.simulated), sensed
+        from jaxsim.simulate.sides import write_lambert
+
         written = write_lambert(sensed, self.out)
         _log(f"{written}: Lambert's law on the measured ranges; of ranges and losses nothing can be asked")
         return written, sensed

@@ -13,12 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.devices import side_by_side
 from jaxsim.discover.covariates import COVARIATES, Dependence, curve_basis, spelled, values_of
 from jaxsim.discover.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.model.null import standardised
@@ -51,24 +53,31 @@ class Additive:
         self.z = z
         self.scene = scene
         self.scenes = scenes
-        self.x = np.concatenate([np.ones((len(z), 1), np.float32), *designs.values()], axis=1)
+        x = np.concatenate([np.ones((len(z), 1), np.float32), *designs.values()], axis=1)
         ends = np.cumsum([1, *(design.shape[1] for design in designs.values())])
-        self.columns = {name: np.arange(*ends[k : k + 2]) for k, name in enumerate(designs)}
+        self.columns = {name: slice(*ends[k : k + 2]) for k, name in enumerate(designs)}
         # Whole scenes are held out: rays of one street would tell each other's residuals.
         folds = min(RULES.additive_folds, scenes)
         self.parts = [np.flatnonzero(scene % folds == k) for k in range(folds)]
         # Products in single precision are summed in double: the systems that are solved hold all folds but one.
-        self.squares = [(self.x[part].T @ self.x[part]).astype(np.float64) for part in self.parts]
-        self.products = [self.x[part].T @ z[part].astype(np.float64) for part in self.parts]
+        held_out = [x[part] for part in self.parts]
+        self.squares = [(one.T @ one).astype(np.float64) for one in held_out]
+        self.held_out = [one.astype(np.float64) for one in held_out]
+        self.products = [one.T @ z[part] for one, part in zip(self.held_out, self.parts, strict=True)]
 
     def predicted(self, names: Sequence[str]) -> Float[np.ndarray, " n"]:
         """What a constant and the named curves say of each residual, fitted to the scenes of the other folds."""
-        used = np.concatenate([[0], *(self.columns[name] for name in names)]).astype(int)
+        # Each curve's columns are neighbours, so that no rows are copied.
+        blocks = [slice(0, 1), *(self.columns[name] for name in names)]
+        used = np.r_[tuple(blocks)]
+        ends = np.cumsum([block.stop - block.start for block in blocks])
         prediction = np.zeros(len(self.z))
-        for part, square, product in zip(self.parts, self.squares, self.products, strict=True):
+        for part, x, square, product in zip(self.parts, self.held_out, self.squares, self.products, strict=True):
             # Sums over all folds less this one's: no curve is fitted again from its rays.
             gram = (sum(self.squares) - square)[np.ix_(used, used)] + RULES.ridge * np.eye(len(used))
-            prediction[part] = self.x[np.ix_(part, used)] @ np.linalg.solve(gram, (sum(self.products) - product)[used])
+            fitted = np.linalg.solve(gram, (sum(self.products) - product)[used])
+            for block, values in zip(blocks, np.split(fitted, ends[:-1]), strict=True):
+                prediction[part] += x[:, block] @ values
         return prediction
 
     def by_scene(
@@ -250,8 +259,9 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     learned law of what the frames do not hold."""
     null = NullModel.of(division, known)
     rays, residuals = standardised(null.problem, null.problem.ev.all_blocks)
-    single = localise(rays, residuals, null.scene)
-    crossed = interactions(rays, residuals, null.scene)
+    single, crossed = side_by_side(
+        partial(localise, rays, residuals, null.scene), partial(interactions, rays, residuals, null.scene)
+    )
     listed = reported([*single, *crossed])
     where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
     return Dependences(null, single, where, tuple(reported(crossed)))

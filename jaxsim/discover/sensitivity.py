@@ -260,7 +260,7 @@ def _of_loss(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> HeldAn
     rate = 1 - jnp.clip(usual, 1e-6, 1 - 1e-6)
     held = rate
     for rays, name in ((smooth, "drop"), (stepped, "drop_edge"), (sky, None)):
-        mean = jnp.where(rays, lost, 0).sum() / jnp.maximum(rays.sum(), 1)
+        mean = jnp.where(rays, lost, 0).sum() / jnp.maximum(rays.sum(dtype=jnp.float32), 1)
         bound = 1.0 if name is None else 1 / (1 + jnp.exp(-MOST[name]))
         # It may fall below what the null has, and rise to the bound.
         held = jnp.where(rays, jnp.clip(mean, 1e-6, jnp.maximum(bound, rate)), held)

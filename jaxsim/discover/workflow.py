@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
-from jaxsim.devices import by_small_steps
+from jaxsim.devices import by_small_steps, side_by_side
 from jaxsim.discover.add import Added, add_effects, changes
 from jaxsim.discover.contrast import contrast_of_answer, contrast_off
 from jaxsim.discover.division import NOTHING_YET, Division
@@ -149,14 +149,16 @@ def discover(
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
-    shown = show_gap(found.null, choice, added)
+    shown, (levels, objects, sensitive) = side_by_side(
+        partial(show_gap, found.null, choice, added),
+        lambda: (compare_levels(comparison), compare_objects(comparison), sensitivities(null, catalogue)),
+    )
     maps = shown.maps_before, shown.maps_after
     every = None
     if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
         held = HeldAnswer(found.null, added.chain, choice.problem.noise)
         every, maps = judge_rest(comparison, mounting, held) or (None, maps)
-    levels = compare_levels(comparison)
     verdict = Verdict(
         verdict=answer.verdict,
         effects=tuple(
@@ -177,7 +179,7 @@ def discover(
         levels=levels,
         contrast=contrast_of_answer(contrast, choice.problem) if contrast else None,
         control=InPlace(control.model.names, control.contrast_off) if control is not NO_CONTROL else None,
-        objects=compare_objects(comparison),
+        objects=objects,
         own=own_candidates(choice),
         learned=added.sensor.learned[len(mounting.known.learned) :],
         law=closed_law(added.learned) if added.learned else formula_of(fitted.repeats),
@@ -186,7 +188,7 @@ def discover(
         regimes=divided.regimes,
         registered=registered_of(comparison),
         unrelated=unrelated_note is not None,
-        sensitivity=sensitivities(null, catalogue),
+        sensitivity=sensitive,
         notes=(
             *notes(comparison, division, answer, held=given.names),
             *([rest_in_words(every)] if every else []),

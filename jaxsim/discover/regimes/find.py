@@ -230,8 +230,8 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
 def _ranked(leads: list[Lead]) -> list[Lead]:
     """The leads with q-values over all of them, least probable by chance first; what divides drives by a fact before
     what divides them by their readings alone."""
-    rates = false_discovery_rates([one.finding for one in leads])
-    rated = [replace(one, q_value=q) for one, q in zip(leads, rates, strict=True)]
+    rates = false_discovery_rates(np.array([one.finding.p_value for one in leads]))
+    rated = [replace(one, q_value=float(q)) for one, q in zip(leads, rates, strict=True)]
     return sorted(rated, key=lambda one: (one.finding.question.divides == "scene", one.finding.p_value))
 
 

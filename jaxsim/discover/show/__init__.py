@@ -8,14 +8,15 @@ they gain by it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.devices import by_small_steps
+from jaxsim.devices import by_small_steps, side_by_side
 from jaxsim.discover.add import Added
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.division import AllScenes, Division, NullModel
@@ -31,7 +32,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.show.gap import Distance, additive_floor, closure, distance, gaps
 from jaxsim.discover.show.pictures import joined, rays_of, residual_curves, residual_maps, whole_frames
 from jaxsim.discover.verdict import CurveLine, Gap, Interval, Judged, JudgeFrame, Named, Verdict
-from jaxsim.effects import get_effect
+from jaxsim.effects import Law, get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
 
@@ -53,31 +54,34 @@ def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chai
     # Effects leave less noise than the null has: each side is judged with its own.
     before = every.with_effects()
     after = every.with_effects(chain, noise)
-    instead = every.with_effects(*placebo) if placebo else before
-    # The floor's curves are learned on the find scenes; the noise that they leave there is fitted beside them.
-    covariates = {name for effect, _ in chain for name in effect.covariates} or set(COVARIATES)
-    curves = additive_floor(before, fitted, sorted(covariates))
-    # The null's evidence is that of the find scenes, all of whose blocks are fitted.
-    find_alone = np.ones(int(fitted.sum()), np.float32)
-    seen = curves.on(null.problem.ev, fitted > 0)
-    curved, _ = fit_null(null.division.scan, seen, find_alone, clutter=null.problem.clutter)
-    free = reweighted(replace(before, ev=curves.on(every.ev), noise=curved.noise), fitted)
+    curves = residual_curves(before, after, fitted=fitted, scene=scene, effects=[effect for effect, _ in chain])
 
     def away(problem: Problem) -> Distance:
         return distance(problem, fitted, before.equations, scene=scene)
 
-    was = away(before)
-    now = away(after)
-    floor = away(free)
-    curves_shown = residual_curves(before, after, fitted=fitted, scene=scene, effects=[effect for effect, _ in chain])
-    return Judged(
-        gaps(was, now, placebo=away(instead), floor=floor),
-        closure(was, now, floor=floor, channels={name for effect, _ in chain for name in effect.channels}),
-        residual_maps(before, fitted=fitted),
-        residual_maps(after, fitted=fitted),
-        curves_shown,
-        _frames(null, chain, noise, curves=curves_shown),
-    )
+    def numbers() -> tuple[dict[str, Gap], Interval | None]:
+        was, now = away(before), away(after)
+        instead = away(every.with_effects(*placebo)) if placebo else was
+        floor = away(_with_floor(every, before, [effect for effect, _ in chain]))
+        shown = gaps(was, now, placebo=instead, floor=floor)
+        return shown, closure(was, now, floor=floor, channels={name for effect, _ in chain for name in effect.channels})
+
+    (gap, closed), frames = side_by_side(numbers, partial(_frames, null, chain, noise, curves=curves))
+    maps = residual_maps(before, fitted=fitted), residual_maps(after, fitted=fitted)
+    return Judged(gap, closed, *maps, curves, frames)
+
+
+def _with_floor(every: AllScenes, before: Problem, effects: Sequence[Law]) -> Problem:
+    """What is left `before` with free curves of what the effects may depend on, learned on the find scenes; the noise
+    that they leave there is fitted beside them."""
+    null = every.null
+    covariates = {name for effect in effects for name in effect.covariates} or set(COVARIATES)
+    curves = additive_floor(before, every.fitted, sorted(covariates))
+    # The null's evidence is that of the find scenes, all of whose blocks are fitted.
+    find_alone = np.ones(int(every.fitted.sum()), np.float32)
+    seen = curves.on(null.problem.ev, every.fitted > 0)
+    curved, _ = fit_null(null.division.scan, seen, find_alone, clutter=null.problem.clutter)
+    return reweighted(replace(before, ev=curves.on(every.ev), noise=curved.noise), every.fitted)
 
 
 def law_gains(null: NullModel, added: Added, *, before: Problem, effects: Chain) -> bool:

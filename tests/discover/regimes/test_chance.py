@@ -1,8 +1,10 @@
 """Probabilities of chance are what they say, and few draws must not make sure."""
 
 import numpy as np
+import pytest
+from scipy.stats import false_discovery_control
 
-from jaxsim.discover.regimes.chance import divided, existing
+from jaxsim.discover.regimes.chance import divided, existing, false_discovery_rates
 from jaxsim.discover.scenes import dealt
 
 SCENES = 11
@@ -37,3 +39,10 @@ def test_a_candidate_that_only_some_scenes_gain_by_is_found_among_others():
 def test_candidates_of_nothing_do_not_exist():
     p = [existing(np.random.default_rng(k).normal(0, 1, (6, SCENES)), WHOLE) for k in range(20)]
     assert np.mean(np.array(p) <= 0.1) <= 0.3
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 40])
+def test_false_discovery_rates_are_scipys(count):
+    p = np.random.default_rng(count).uniform(0, 1, count).round(2)
+    expected = false_discovery_control(p) if count else p
+    np.testing.assert_allclose(false_discovery_rates(p), expected, rtol=1e-12)
