@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxsim.cloud import save_cloud
+    from jaxsim.compilation import enable_compilation_cache
     from jaxsim.data import open_dataset
     from jaxsim.discover import Result, Verdict, discover_folders
     from jaxsim.simulate import LearnedSensor, load, simulate_frame
@@ -43,6 +44,7 @@ __all__ = [
     "Result",
     "Verdict",
     "discover_folders",
+    "enable_compilation_cache",
     "load",
     "open_dataset",
     "save_cloud",
@@ -51,6 +53,7 @@ __all__ = [
 
 HOMES = {
     "cloud": ("save_cloud",),
+    "compilation": ("enable_compilation_cache",),
     "data": ("open_dataset",),
     "discover": ("Result", "Verdict", "discover_folders"),
     "simulate": ("LearnedSensor", "load", "simulate_frame"),

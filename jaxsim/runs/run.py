@@ -35,6 +35,8 @@ SUMS = "sha256"
 """Item of a checkpoint that holds the SHA-256 of the others."""
 CHANGEABLE = (
     "data.cache",
+    "generator.widen",  # how what was learned is told
+    "generator.looks",
     "optim.steps",
     "optim.epochs",
     "run.out",  # where the folder lies, which may have been moved

@@ -38,6 +38,13 @@ def test_more_steps_resume_a_run_but_another_rate_does_not(tmp_path):
         start_run(tmp_path, run(steps=99999, lr=0.1))
 
 
+def test_how_what_was_learned_is_told_may_change(tmp_path):
+    start_run(tmp_path, run())
+    generator = dataclasses.replace(Experiment().generator, widen=1.3, looks=1)
+    start_run(tmp_path, describe_run(dataclasses.replace(Experiment(), generator=generator), preset("hdl64e"), VIEW))
+    assert load_run(tmp_path).experiment.generator == generator
+
+
 def test_a_folder_that_is_no_run_names_the_runs_in_it(tmp_path):
     start_run(tmp_path / "one", run())
     with pytest.raises(ValueError, match=r"there are runs at .*one"):
