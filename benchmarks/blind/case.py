@@ -90,6 +90,16 @@ def _gap(gap: Mapping[str, Any], closure: Any) -> dict[str, Any]:
     return {"closure": closure.value if closure else None, "gap": numbers, "gained": gained}
 
 
+def made_again(row: Mapping[str, Any], case: Path) -> tuple[Comparison, dict[str, dict[str, Any]]]:
+    """The comparison of a row's case, which follows from the row and is made in the folder `case`, and what was hidden
+    in it (`true_effects`)."""
+    # The key ends with effect, severity, nuisances and number; before them there may be the cell.
+    effect, severity, nuisance, repeat = row["key"].split()[-4:]
+    make(Job(effect, float(severity), nuisance, int(repeat)), Settings(**row["settings"]), case)
+    comparison = read_comparison(case / "simulated", case / "measured")
+    return comparison, true_effects(json.loads(key_path(case).read_text()), comparison)
+
+
 def true_effects(key: Mapping[str, Any], comparison: Comparison) -> dict[str, dict[str, Any]]:
     """The hidden effects' parameters within the catalogue's bounds; neutral where no ray could show one."""
     rows, found = comparison.scan.range_m.shape[1], {}

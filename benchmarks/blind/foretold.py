@@ -11,7 +11,6 @@ it was in the set; then how often the two agree. About 6 processor seconds a row
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -21,14 +20,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.blind.case import true_effects
-from benchmarks.blind.hidden import key_path
-from benchmarks.blind.making import make
-from benchmarks.blind.plan import Job, Settings
+from benchmarks.blind.case import made_again
 from benchmarks.blind.rows import read_rows
 from benchmarks.blind.tables import of_kind, rate
 from jaxsim.compilation import enable_compilation_cache
-from jaxsim.discover import read_comparison
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
@@ -54,14 +49,10 @@ def main(argv: list[str] | None = None) -> None:
 
 def foretold(row: Row, case: Path) -> Row:
     """A row's case made again, and what its frames could show of the hidden effect."""
-    [name], key = row["truth"], row["key"].split()
-    # The key ends with effect, severity, nuisances and number; before them there may be the cell.
-    job = Job(key[-4], float(key[-3]), key[-2], int(key[-1]))
-    make(job, Settings(**row["settings"]), case)
-    comparison = read_comparison(case / "simulated", case / "measured")
+    comparison, true = made_again(row, case)
+    [name] = row["truth"]
     null = NullModel.of(Division.of(comparison)).problem
-    values = true_effects(json.loads(key_path(case).read_text()), comparison)[name]
-    _, expected = expected_gains(null, EFFECTS[name], values)
+    _, expected = expected_gains(null, EFFECTS[name], true[name])
     shutil.rmtree(case)
     reached = dict(row["ranking"]).get(name)
     return {
