@@ -23,7 +23,8 @@ A row of DATASETS a kind. Readers, with the files of their formats beside them:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -41,6 +42,7 @@ from jaxsim.geometry import LidarSpec, camera_at_lidar, preset
 __all__ = [
     "DATASETS",
     "Dataset",
+    "DatasetKind",
     "KittiObject",
     "KittiOdometry",
     "KittiRaw",
@@ -100,24 +102,38 @@ def _prepared(config: DataConfig) -> Dataset:
     return PreparedSet(_root(config))
 
 
-DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
-    "synthetic": _synthetic,
-    "kitti_raw": lambda config: KittiRaw(_root(config), rows=config.rows),
-    "kitti_object": lambda config: KittiObject(_root(config), rows=config.rows),
-    "kitti_tracking": lambda config: KittiStep(
-        _root(config), sequences=config.scenes, rows=config.rows, panoptic=False
+@dataclass(frozen=True)
+class DatasetKind:
+    """What a kind of data set is to commands that know no more of it than its name."""
+
+    open: Callable[[DataConfig], Dataset]
+    licence: str = "other"
+    """Of its files, by the name that model hubs use: what is learned from them must heed it."""
+    of_scenes: bool = False
+    """Whether some of its scenes can be chosen. Of pairs they are those that the frames were chosen by."""
+
+
+KITTIS = partial(DatasetKind, licence="cc-by-nc-sa-3.0")
+"""A kind of KITTI's, or of Virtual KITTI's."""
+DATASETS: dict[str, DatasetKind] = {
+    "synthetic": DatasetKind(_synthetic, licence="apache-2.0"),
+    "kitti_raw": KITTIS(lambda config: KittiRaw(_root(config), rows=config.rows)),
+    "kitti_object": KITTIS(lambda config: KittiObject(_root(config), rows=config.rows)),
+    "kitti_tracking": KITTIS(
+        lambda config: KittiStep(_root(config), sequences=config.scenes, rows=config.rows, panoptic=False),
+        of_scenes=True,
     ),
-    "kitti_step": lambda config: KittiStep(_root(config), sequences=config.scenes, rows=config.rows),
-    "kitti_odometry": lambda config: KittiOdometry(_root(config), sequences=config.scenes, rows=config.rows),
-    "kitti": lambda config: KittiTogether(_root(config), rows=config.rows),
-    "vkitti2": _vkitti2,
-    "polar": lambda config: PolarViews(_root(config)),
-    "prepared": _prepared,
+    "kitti_step": KITTIS(
+        lambda config: KittiStep(_root(config), sequences=config.scenes, rows=config.rows), of_scenes=True
+    ),
+    "kitti_odometry": KITTIS(
+        lambda config: KittiOdometry(_root(config), sequences=config.scenes, rows=config.rows), of_scenes=True
+    ),
+    "kitti": KITTIS(lambda config: KittiTogether(_root(config), rows=config.rows)),
+    "vkitti2": KITTIS(_vkitti2, of_scenes=True),
+    "polar": DatasetKind(lambda config: PolarViews(_root(config))),
+    "prepared": DatasetKind(_prepared, of_scenes=True),
 }
-
-
-OF_SCENES = ("kitti_tracking", "kitti_step", "kitti_odometry", "vkitti2", "prepared")
-"""Kinds of which scenes can be chosen. Of pairs they are those that the frames were chosen by."""
 
 
 def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Dataset:
@@ -129,12 +145,13 @@ def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Da
     config = replace(config, root=Path(root)) if root else config
     if config.kind not in DATASETS:
         raise ValueError(f"data: no kind {config.kind!r}; known: {', '.join(DATASETS)}")
-    if config.scenes and config.kind not in OF_SCENES:
+    kind = DATASETS[config.kind]
+    if config.scenes and not kind.of_scenes:
         raise ValueError(
             f"data: kind {config.kind} takes no scenes ({' '.join(config.scenes)}): leave --data.scenes out, and name "
             "frames by numbers, or by a part of the set, as drive_0009 of kitti_raw"
         )
-    return DATASETS[config.kind](config)
+    return kind.open(config)
 
 
 def source_of(

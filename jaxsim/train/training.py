@@ -14,6 +14,7 @@ from jax.sharding import Mesh
 from jaxtyping import PyTree, UInt8
 
 from jaxsim.config import RunConfig
+from jaxsim.data import DATASETS
 from jaxsim.files import write_text
 from jaxsim.metrics import Score
 from jaxsim.prefetch import prefetch
@@ -82,21 +83,11 @@ def ahead(loader: Any, start: int, stop: int, *, threads: int = 2) -> Iterator[A
         yield from prefetch(pool, loader.__getitem__, range(start, stop), ahead=AHEAD)
 
 
-LICENCES = {
-    "synthetic": "apache-2.0",
-    **dict.fromkeys(
-        ("kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "kitti_odometry", "kitti", "vkitti2"),
-        "cc-by-nc-sa-3.0",
-    ),
-}
-"""Licence of a data set's files, by the names that model hubs use, which what is learned from them must heed."""
-
-
 def licence_head(run: AnyRun) -> str:
     """The head of a model card as model hubs read it; `other` is that of data of one's own."""
     kind = run.experiment.data.kind
     tags = "\n".join(f"- {tag}" for tag in ("lidar", "jax", kind))
-    return f"---\nlibrary_name: jaxsim\nlicense: {LICENCES.get(kind, 'other')}\ntags:\n{tags}\n---"
+    return f"---\nlibrary_name: jaxsim\nlicense: {DATASETS[kind].licence}\ntags:\n{tags}\n---"
 
 
 def write_card(folder: Path, training: Training, description: str, *, scores: RunScores, seconds: float) -> None:

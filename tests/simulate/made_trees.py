@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.data import DATASETS
+from jaxsim.data import DATASETS, DatasetKind
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import Boxes, CameraFrame, Cloud, Frame
 from jaxsim.geometry import preset
@@ -55,5 +55,5 @@ class Six:
 def six(monkeypatch):
     dataset = Six()
     for kind in ("synthetic", "kitti_object"):
-        monkeypatch.setitem(DATASETS, kind, lambda config: dataset)
+        monkeypatch.setitem(DATASETS, kind, DatasetKind(lambda config: dataset))
     return dataset
