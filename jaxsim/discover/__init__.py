@@ -1,7 +1,7 @@
 """Which effect is missing from a simulation: found, named, added, and shown on unseen scenes.
 
     read_comparison     two folders of polar frames -> a Comparison, checked
-    discover            a Comparison -> a Result: find, name, add, show (`workflow`, the place to begin reading)
+    discover            a Comparison -> a Result: place, ask, complete, conclude (`workflow`: begin reading there)
     discover_folders    the same on two folders
     discover_unpaired   the same where the two folders show different streets
     disagreements       its first step alone, in seconds: where the two sides disagree
@@ -23,7 +23,10 @@ Files in the order in which the data meets them:
     regimes, repeats             what acts in a part alone; what comes back at the same rows and columns
     show                         how far the sides are apart on unseen scenes, and what a report draws of them
     sensitivity, levels, objects what the frames could show; noise, and targets, of both sides
-    explain, verdict, workflow   the answer in plain values, and the whole way
+    explain, verdict             the answer in plain values
+    place, ask                   the stages of the whole way: the sensor where it stands; which effect is missing;
+    complete, conclude           all of it fitted together; held against unseen scenes, as a verdict and a sensor model
+    workflow                     the whole way
     unpaired                     the whole way where the streets differ
     gate, watch                  whether an answer passes in CI; how a sensor changes over days
 """

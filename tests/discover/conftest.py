@@ -1,8 +1,22 @@
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
 import numpy as np
 import pytest
 
+from jaxsim.discover.ask import Asked, ask
+from jaxsim.discover.complete import FittedAnswer, complete
+from jaxsim.discover.conclude import Shown, show
 from jaxsim.discover.model.evidence import Evidence, gather
-from tests.discover.toy import device, toy
+from jaxsim.discover.place import Placed, place
+from jaxsim.discover.read import Comparison
+from jaxsim.discover.regimes.find import Divided, find_regimes
+from jaxsim.effects import get_effect
+from jaxsim.effects.chain import SensorModel
+from tests.discover.toy import FAR_M, device, toy
+
+STREETS = 12
 
 
 @pytest.fixture(scope="module")
@@ -11,3 +25,31 @@ def evidence() -> Evidence:
     frames = np.arange(6)
     columns = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
     return gather(*device(scan, measured), frame=frames, column=columns, scene=frames)
+
+
+class Stages(NamedTuple):
+    """What each stage of the way gives of one comparison."""
+
+    placed: Placed
+    asked: Asked
+    divided: Divided
+    fitted: FittedAnswer
+    shown: Shown
+
+
+@pytest.fixture(scope="session")
+def stages() -> Stages:
+    """Twelve streets whose sensor reads ranges too far by FAR_M, asked for two effects, beside a loss that is known."""
+    scan, measured = toy(frames=STREETS)
+    measured = replace(measured, range_m=np.where(measured.valid, measured.range_m + np.float32(FAR_M), 0))
+    names = tuple(f"{k:02d}" for k in range(STREETS))
+    catalogue = [get_effect(name) for name in ("range_offset", "incidence_cosine")]
+    known = SensorModel((("random_dropout", {"probability": 0.01}),))
+    # For the session, which `standard_promotion` is not for.
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        placed = place(Comparison(scan, measured, names, names), catalogue, known, log=lambda line: None)
+        asked = ask(placed, nulls=0, log=lambda line: None)
+        divided = find_regimes(placed.found.null, asked.answer, without=asked.without, log=lambda line: None)
+        fitted = complete(asked.placed.found, divided, asked.others, log=lambda line: None)
+        shown = show(asked, fitted, every_frame=False, log=lambda line: None)
+    return Stages(placed, asked, divided, fitted, shown)

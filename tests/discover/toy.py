@@ -10,6 +10,8 @@ from jaxsim.effects import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 
 HEIGHT_M = 1.7
+FAR_M = 0.08
+"""What the sensor of `stages` (conftest) reads too far."""
 
 
 def toy(frames: int = 6, rows: int = 16, columns: int = 60, *, seed: int = 0, gain: float = 0.0):

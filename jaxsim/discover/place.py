@@ -1,0 +1,70 @@
+"""Place: where the sensor stands, and what is left over once it stands there; naming begins with that.
+
+A mounting that is clearly off is put in place first, for nothing else can be asked across it; so is what is bound to
+directions of a single drive, which its sectors cannot show. After each, what the null leaves is found again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from jaxsim.discover.division import Division
+from jaxsim.discover.find import Dependences, find_dependences
+from jaxsim.discover.mounting import Mounting, place_mounting, refine_lift
+from jaxsim.discover.name.select import Log
+from jaxsim.discover.one_drive import OfPieces, ask_pieces
+from jaxsim.discover.read import Comparison
+from jaxsim.effects import Effect
+from jaxsim.effects.chain import SensorModel
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A comparison with the sensor where it stands, and what is found there."""
+
+    mounting: Mounting
+    """The comparison, as seen from where the sensor stands, and what is known of the sensor."""
+    found: Dependences
+    catalogue: tuple[Effect, ...]
+    """The effects that are yet to be asked."""
+    of_drive: OfPieces
+    """What pieces of a single drive named."""
+
+    @property
+    def comparison(self) -> Comparison:
+        return self.mounting.comparison
+
+    @property
+    def division(self) -> Division:
+        return self.found.null.division
+
+    def with_free_contrast(self) -> Placed:
+        """The same, with how far the sensor follows the simulator's contrast left to a nuisance."""
+        division = self.division.with_free_contrast()
+        return replace(self, found=find_dependences(division, self.mounting.known))
+
+
+def place(comparison: Comparison, catalogue: Sequence[Effect], known: SensorModel, *, log: Log) -> Placed:
+    """The comparison with the sensor where it stands, and what the find scenes show there before any other effect of
+    the `catalogue` is added to those that are `known`.
+
+    Raises ValueError where the scenes are too few to decide anything.
+    """
+    mounting = place_mounting(comparison, [effect.name for effect in catalogue], known)
+    catalogue = [effect for effect in catalogue if effect.name not in mounting.effects]
+    division = Division.of(mounting.comparison)
+    parts = division.parts
+    log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
+    found = find_dependences(division, mounting.known)
+    finer = refine_lift(comparison, mounting, found.null.problem, known=known)
+    # What the null says rests on where the sensor stands: it is asked again from there.
+    if finer is not mounting:
+        mounting = finer
+        found = find_dependences(Division.of(finer.comparison), finer.known)
+    of_drive = ask_pieces(found.null, catalogue, log=log)
+    if of_drive.effects:
+        mounting = replace(mounting, known=of_drive.known)
+        catalogue = [effect for effect in catalogue if effect.name not in dict(mounting.known.effects)]
+        found = find_dependences(found.null.division, mounting.known)
+    return Placed(mounting, found, tuple(catalogue), of_drive)
