@@ -174,7 +174,7 @@ class Rules:
     piled_share: float = 0.002
     """... if they are at least this share of all: a saturation is then tried."""
     gate_nats: float = 20.0
-    """Nats by which a border between lost and returned rays must be likelier than none: a gate is then tried there."""
+    """Nats by which a border between lost and returned rays, or a wave of ranges, must be likelier than none."""
     hidden_share: float = 0.8
     """Share of rays lost above which a bin of azimuth may be hidden."""
     sudden_nats: float = 12.0

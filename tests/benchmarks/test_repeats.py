@@ -50,10 +50,10 @@ def test_the_table_counts_answers_and_p_values():
 
 
 def test_what_the_hidden_law_did_is_noted_and_leaves_the_case_as_it_is(tmp_path):
-    job = Job("outside:cyclic_range_error", 4.0, "exact", 0)
-    kind = OUTSIDE["cyclic_range_error"]
+    job = Job("outside:azimuth_periodic_range_bias", 4.0, "exact", 0)
+    kind = OUTSIDE["azimuth_periodic_range_bias"]
     noted = learned.make_noted(tmp_path / "case", job, 5, scenes=10, rows=8, columns=24)
-    assert OUTSIDE["cyclic_range_error"] is kind
+    assert OUTSIDE["azimuth_periodic_range_bias"] is kind
     assert noted.shape == (10, 8, 24)
     compared = read_comparison(tmp_path / "case" / "simulated", tmp_path / "case" / "measured")
     assert len(frame_names(tmp_path / "case" / "measured")) == 10

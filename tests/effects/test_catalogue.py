@@ -255,6 +255,9 @@ ORACLES = {
     "incidence_range_bias": ({"divergence_rad": 0.002}, lambda r: hits(r, 0.001 * r["range_m"] * tan(r))),
     "range_scale": ({"scale": 0.01}, lambda r: hits(r, 0.01 * r["range_m"])),
     "range_offset": ({"offset_m": 0.06}, lambda r: hits(r, 0.06)),
+    "cyclic_range_error": ({"sine_m": 0.03, "cosine_m": -0.02, "cycles_per_m": 0.4},
+                           lambda r: hits(r, 0.03 * np.sin(0.8 * np.pi * r["range_m"])
+                                          - 0.02 * np.cos(0.8 * np.pi * r["range_m"]))),
     "beam_range_bias": ({"bias_m": ROW}, lambda r: hits(r, ROW[r["row"]])),
     "range_quantization": ({"step_m": 0.1}, lambda r: {"range_step_m": 0.1}),
 }  # fmt: skip

@@ -237,6 +237,18 @@ def range_offset(amount: float, rng: np.random.Generator, about: About) -> Plan:
     return at("ranging", hook, offset_m=offset)
 
 
+def cyclic_range_error(amount: float, rng: np.random.Generator, about: About) -> Plan:
+    """Phase-measuring electronics: error periodic in range."""
+    period, start = rng.uniform(2, 10), rng.uniform(0, 2 * np.pi)
+
+    def hook(s: State) -> None:
+        turns = np.where(s.hit, s.range_m, 0.0) / period
+        s.bias_m = s.bias_m + amount * np.sin(2 * np.pi * turns + start)
+
+    parts = {"sine_m": amount * float(np.cos(start)), "cosine_m": amount * float(np.sin(start))}
+    return at("ranging", hook, **parts, cycles_per_m=1 / period)
+
+
 def beam_range_bias(amount: float, rng: np.random.Generator, about: About) -> Plan:
     bias = centred(rng, about.rows, amount)
 
@@ -294,6 +306,7 @@ ELECTRONICS = {
     "incidence_range_bias": Effect(incidence_range_bias, RANGE, "rad of divergence", 0.0005, 0.02),
     "range_scale": Effect(range_scale, RANGE, "scale", 0.0005, 0.02),
     "range_offset": Effect(range_offset, RANGE, "m", 0.01, 0.5),
+    "cyclic_range_error": Effect(cyclic_range_error, RANGE, "m", 0.015, 0.3),
     "beam_range_bias": Effect(beam_range_bias, RANGE, "m sd over beams", 0.01, 0.12),
     "mixed_pixels": Effect(mixed_pixels, RANGE, "probability", 0.06, 1.0),
     "range_quantization": Effect(range_quantization, RANGE, "m", 0.02, 0.5),

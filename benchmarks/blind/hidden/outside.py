@@ -120,12 +120,6 @@ def _class_bias(amount, rng, about):
     return lambda s: np.where(s.semantic == kinds[0], size, np.where(s.semantic == kinds[1], -size, 0.0))
 
 
-def _cyclic_error(amount, rng, about):
-    """Phase-measuring electronics: error periodic in range."""
-    period, start = rng.uniform(4, 10), rng.uniform(0, 2 * np.pi)
-    return lambda s: amount * np.sin(2 * np.pi * np.where(s.hit, s.range_m, 0) / period + start)
-
-
 def _range_drop(amount, rng, about):
     period, start = rng.uniform(5, 12), rng.uniform(0, 2 * np.pi)
     return lambda s: amount * (1 + np.sin(2 * np.pi * np.where(s.hit, s.range_m, 0) / period + start))
@@ -159,7 +153,6 @@ OUTSIDE = {
     "speed_gain": Outside(_gain(_speed_gain), "intensity", SPEED, "monotone", (), "nats at 10 m/s", 0.12, 0.8),
     "class_range_bias": Outside(_bias(_class_bias), "range", CLASS, "other", ("range_walk",), "m", 0.02, 0.3),
     "azimuth_periodic_range_bias": Outside(_bias(_azimuth_wave), "range", AZIMUTH, "periodic", (), "m", 0.015, 0.3),
-    "cyclic_range_error": Outside(_bias(_cyclic_error), "range", ("range",), "periodic", (), "m", 0.015, 0.3),
     "azimuth_periodic_drop": Outside(_drop(_azimuth_drop), "drop", AZIMUTH, "periodic", (), "probability", 0.02, 0.45),
     "range_periodic_drop": Outside(_drop(_range_drop), "drop", ("range",), "periodic", (), "probability", 0.02, 0.45),
     "speed_drop": Outside(_drop(_speed_drop), "drop", SPEED, "monotone", (), "probability at 10 m/s", 0.03, 0.25),

@@ -30,7 +30,6 @@ OUTSIDE_HERE = (
     "column_parity_gain",
     "row_parity_offset",
     "azimuth_periodic_range_bias",
-    "cyclic_range_error",
     "azimuth_periodic_drop",
     "range_periodic_drop",
 )

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.places import longest_run, spans_turn, within_turn
 
 LOST_SAYS, RETURNED_SAYS = np.log(90.0), np.log(0.1)
@@ -27,6 +28,12 @@ BIN_RAD = np.deg2rad(1.0)
 """Width of the bins of azimuth in which a hidden sector is looked for."""
 TURN_BINS = 360
 """Bins of a turn."""
+SLICE_M = 0.02
+"""Slices of the range in which a wave is looked for: a sixth of the shortest."""
+OF_A_WAVE_M = 0.4
+"""Errors beyond this are of another surface, and no wave's."""
+WAVES = 3
+"""Waves of different lengths that fits begin at."""
 
 Start = dict[str, float]
 
@@ -140,6 +147,42 @@ def _border(away: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"]) -> tupl
     return float(last), float(beyond.min() if len(beyond) else last)
 
 
+def _wave(problem: Problem) -> tuple[Start, ...]:
+    """The waves along the range that say most of the readings' errors: a wave of another length pulls nowhere."""
+    ev = problem.ev
+    told = ev.smooth & ev.rays.hit
+    r = ev.rays.range_m[told]
+    off = (ev.range_m - ev.rays.reading_m)[told]
+    near = np.abs(off) < OF_A_WAVE_M
+    if near.sum() < RULES.fewest_residuals:
+        return ()
+    r, off = r[near], off[near]
+    off = off - off.mean()
+    # Sums over slices of the range make of the search for the length one Fourier transform.
+    at = np.floor(r / SLICE_M).astype(int)
+    sums = np.bincount(at, off)
+    # Twice as many lengths as the range tells apart.
+    length = 2 * len(sums)
+    power = np.abs(np.fft.rfft(sums, length))
+    cycles = np.fft.rfftfreq(length, SLICE_M)
+    known = EFFECTS["cyclic_range_error"].parameters["cycles_per_m"]
+    power = np.where((cycles >= known.low) & (cycles <= known.high), power, 0)
+    starts: list[Start] = []
+    for _ in range(WAVES):
+        best = int(power.argmax())
+        # A start is none of its neighbours' again.
+        power[max(best - 2, 0) : best + 3] = 0
+        phase = 2 * np.pi * cycles[best] * r
+        wave = np.stack([np.sin(phase), np.cos(phase)], axis=-1)
+        sine, cosine = np.linalg.lstsq(wave, off, rcond=None)[0]
+        rest = off - wave @ (sine, cosine)
+        # Some length always says a little, by chance.
+        if len(off) / 2 * (1 - rest.var() / off.var()) < RULES.gate_nats:
+            continue
+        starts.append({"sine_m": float(sine), "cosine_m": float(cosine), "cycles_per_m": float(cycles[best])})
+    return tuple(starts)
+
+
 def sector_between(problem: Problem, values: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Between which values the parameters of a hidden sector lie, by the rays next to its borders."""
     ev = jax.tree.map(np.asarray, problem.ev)
@@ -164,4 +207,5 @@ STARTS: dict[str, Callable[[Problem], tuple[Start, ...]]] = {
     "saturation": _ceiling,
     "range_gate": _gate,
     "sector_occlusion": _sector,
+    "cyclic_range_error": _wave,
 }

@@ -46,6 +46,17 @@ def test_a_gate_is_the_nearest_return(problem):
     assert all("maximum_m" not in start for start in found["range_gate"])
 
 
+def test_a_wave_along_the_range_has_the_length_and_the_phase_that_errors_have(problem):
+    ev = problem.ev
+    turns = 0.55 * np.asarray(ev.rays.range_m)
+    read = np.asarray(ev.range_m) + 0.03 * np.sin(2 * np.pi * turns) - 0.02 * np.cos(2 * np.pi * turns)
+    start = starts_of(changed(problem, range_m=read.astype(np.float32)))["cyclic_range_error"][0]
+    # A quarter of a turn at most from the nearest to the farthest ray.
+    reach = np.ptp(np.asarray(ev.rays.range_m)[np.asarray(ev.smooth)])
+    assert start["cycles_per_m"] == pytest.approx(0.55, abs=float(0.25 / reach))
+    assert np.hypot(start["sine_m"], start["cosine_m"]) == pytest.approx(np.hypot(0.03, 0.02), rel=0.3)
+
+
 def test_a_hidden_sector_is_where_all_frames_lose(problem):
     ev = problem.ev
     azimuth = np.asarray(ev.rays.azimuth_rad)
