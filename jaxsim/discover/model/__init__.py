@@ -72,14 +72,14 @@ Priors and bounds, and where they are set
     top     readings within 1 % of it pile up, beyond it cost 10 nats      likelihood._PILE, _ABOVE_TOP
     rays between two surfaces of frames that are cast again: 3 %           division.UNKNOWN_BETWEEN
     edges and planes, by bends of 3 % and 1 % of 1 / range                 cast.BEND, PLANAR
-    kinds without classes: level ground, albedo                            evidence.LEVEL_RAD, KNOT_QUANTILES
+    kinds without classes: level ground, albedo                            kinds.LEVEL_RAD, KNOT_QUANTILES
     which rays are compared; which lie on a lattice                        Rules.compared_, finest_step, lattice_
     which columns of which frames                                          cast.RAYS, SECTORS
     noise that a simulator has: how it is told; how smooth surfaces are    noise_levels.QUANTILE, smooth.PLANE_MISFIT
 
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.
 
-Order of imports: cast < noise_levels < smooth < contrast < simulator < evidence < noise < random_effects < likelihood
-< gradients < fit < null, which also has several effects in place and fits each beside the others. `parameters` and
-`minimum` import none of them.
+Order of imports: cast < kinds < noise_levels < smooth < contrast < simulator < evidence < noise < random_effects
+< likelihood < gradients < fit < null, which also has several effects in place and fits each beside the others.
+`parameters` and `minimum` import none of them.
 """

@@ -1,0 +1,133 @@
+"""Kinds of surfaces: those whose reflectance the simulator's table may have wrong.
+
+They are classes, or what stands in for them. Frames without classes still show a few materials again and again: a floor
+that is darker than its table says is so in every scene, and a wrong cosine, gamma or gain of the lower beams would
+explain it. So level ground and all else are told apart by their planes, and each by how bright the simulator has it: a
+free curve of the albedo, as classes have a free level each. A simulator that gives each material one intensity, at any
+angle, shows its table as it is: each of these is a kind.
+
+Letters: b blocks, c columns, r rows of the rays that are looked at; f frames of n columns; k kinds.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex
+from jaxsim.discover.rules import RULES
+from jaxsim.effects.learned import hats
+from jaxsim.effects.rays import FLOOR, Scan
+
+LEVEL_RAD = 0.15
+"""Planes tilted by less than this are level ground."""
+LEAST_DOWN_RAD = np.deg2rad(1.0)
+"""Rays that look down by less tell no ground from walls."""
+KNOT_QUANTILES = (0.05, 0.35, 0.65, 0.95)
+"""Quantiles of ln albedo: knots of the free curve."""
+LEAST_APART = 0.1
+"""Nats between knots, at least; where all albedos are alike one knot is left."""
+Levels = Float[np.ndarray, " k"]
+"""The intensities that a simulator gives."""
+BARE = ("ground", "other surfaces")
+"""Names of the kinds where all surfaces are of one class."""
+COARSEST_STEP, FILLED = 0.02, 0.5
+"""Values are steps of a rounding that are no farther apart, and of whose lattice so large a share is read."""
+OF_ONE_ANGLE = 0.1
+"""Share of the variance of angles that is left within values, below which values follow the angle."""
+
+
+class Kinds(NamedTuple):
+    """How much of each kind a ray's surface is."""
+
+    names: tuple[str, ...]
+    share: Float[np.ndarray, "b c r k"]
+    """0..1; the kinds of a ray sum to 1."""
+
+
+def kinds_of(scan: Scan, index: RayIndex) -> Kinds:
+    """The kinds of the chosen rays' surfaces: their classes, or ground and others where all are of one; each by its
+    intensities where these are few, for then they are a table's, else what has no class by albedo."""
+    semantic = np.asarray(scan.semantic)
+    classes = np.unique(semantic)
+    hit = np.asarray(scan.hit)
+    levels = few_levels(np.asarray(scan.intensity)[hit], np.asarray(scan.incidence_rad)[hit])
+    if len(classes) > 1 or levels is not None:
+        kind = semantic if len(classes) > 1 else np.where(_ground(scan), 0, 1)
+        names = {int(c): f"class {c}" if len(classes) > 1 else BARE[c] for c in np.unique(kind[index])}
+        return _by_level(names, kind[index], intensity=np.asarray(scan.intensity)[index], levels=levels)
+    albedo = _log_albedo(scan)
+    ground = _ground(scan)
+    told: list[str] = []
+    shares: list[np.ndarray] = []
+    for name, kind in zip(BARE, (ground, ~ground), strict=True):
+        of_kind = kind & np.asarray(scan.hit)
+        if of_kind.any():
+            knots = _knots(albedo[of_kind])
+            told += [f"{name} of albedo {np.exp(knot):.2g}" for knot in knots]
+            # Every kind has columns of its own: a knot of the ground's curve says nothing of walls.
+            shares.append(np.where(kind[index][..., None], hats(albedo[index], knots), 0.0))
+    return Kinds(tuple(told), np.concatenate(shares, axis=-1).astype(np.float32))
+
+
+def _by_level(
+    names: dict[int, str],
+    kind: Int[np.ndarray, "b c r"],
+    *,
+    intensity: Float[np.ndarray, "b c r"],
+    levels: Levels | None,
+) -> Kinds:
+    """Kinds with a column each; where there are `levels`, one for each that a kind has."""
+    told: list[str] = []
+    shares: list[np.ndarray] = []
+    for number, name in names.items():
+        of_kind = kind == number
+        if levels is None:
+            told.append(name)
+            shares.append(of_kind)
+            continue
+        at = np.abs(intensity[..., None] - levels).argmin(-1)
+        for level in np.unique(at[of_kind]):
+            told.append(f"{name} of intensity {levels[level]:.3g}")
+            shares.append(of_kind & (at == level))
+    return Kinds(tuple(told), np.stack(shares, axis=-1).astype(np.float32))
+
+
+def few_levels(intensity: Float[np.ndarray, " n"], incidence_rad: Float[np.ndarray, " n"]) -> Levels | None:
+    """The intensities of a simulator that gives each material one, whatever the angle; None where nearly all rays do
+    not read one of a few, or these are the steps of a rounding, or each is one angle's."""
+    values, level, count = np.unique(
+        np.asarray(intensity, np.float32).round(5), return_inverse=True, return_counts=True
+    )
+    often = np.sort(np.argsort(-count, kind="stable")[: RULES.few_values])
+    if not len(values) or count[often].sum() < RULES.lattice_share * len(intensity):
+        return None
+    common = values[often]
+    gaps = np.diff(common)
+    rounded = len(gaps) > 0 and gaps.min() <= COARSEST_STEP and len(common) * gaps.min() > FILLED * np.ptp(common)
+    # Of one material that shines as Lambert's law has it, each row of a road reads one value.
+    mean = np.bincount(level, incidence_rad) / count
+    within = np.square(incidence_rad - mean[level]).mean()
+    return None if rounded or within < OF_ONE_ANGLE * np.var(incidence_rad) else common
+
+
+def _log_albedo(scan: Scan) -> Float[np.ndarray, "f r n"]:
+    cosine = np.maximum(np.cos(np.asarray(scan.incidence_rad, np.float64)), STEEPEST_COSINE)
+    return np.log(np.maximum(np.asarray(scan.intensity, np.float64), FLOOR) / cosine)
+
+
+def _ground(scan: Scan) -> Bool[np.ndarray, "f r n"]:
+    """Rays that meet their plane as they would meet level ground."""
+    down = -np.asarray(scan.grid.elevation_rad, np.float64)[None, :, None]
+    level = np.abs(np.asarray(scan.incidence_rad) - (np.pi / 2 - down)) < LEVEL_RAD
+    return level & (down > LEAST_DOWN_RAD)
+
+
+def _knots(albedo: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+    knots: list[float] = []
+    for knot in np.quantile(albedo, KNOT_QUANTILES):
+        if not knots or knot - knots[-1] > LEAST_APART:
+            knots.append(float(knot))
+    return np.array(knots)
