@@ -33,6 +33,7 @@ from jaxsim.files.stamps import (
 from jaxsim.files.texts import (
     check_keys,
     first_line,
+    guess,
     numbers,
     parse_json,
     parse_number,
@@ -64,6 +65,7 @@ __all__ = [
     "files_in",
     "files_of",
     "first_line",
+    "guess",
     "image_of",
     "kept_files",
     "loaded",

@@ -267,6 +267,15 @@ def _is_ouster(path: Path) -> bool:
     return path.suffix == ".pcap" and path.with_suffix(".json").is_file()
 
 
+def _is_kitti(path: Path) -> bool:
+    if not path.is_dir():
+        return path.suffix == ".bin" and not path.name.endswith(".pcd.bin")
+    # The folder of the scans itself, too: `velodyne`, or a raw drive's `velodyne_points/data`.
+    here = path.absolute()
+    named = any(name.startswith("velodyne") for name in (here.name, here.parent.name))
+    return _below(path, "velodyne*/**/*.bin") or (named and _below(path, "**/*.bin"))
+
+
 def _below(path: Path, pattern: str) -> bool:
     return path.is_dir() and next(path.rglob(pattern), None) is not None
 
@@ -287,7 +296,7 @@ SOURCES: dict[str, Source] = {
     ),
     "kitti": Source(
         "KITTI raw, object, odometry: velodyne*/**/*.bin",
-        lambda p: (p.suffix == ".bin" and not p.name.endswith(".pcd.bin")) or _below(p, "velodyne*/**/*.bin"),
+        _is_kitti,
         kitti_items,
     ),
 }

@@ -11,13 +11,45 @@ from tests.data.logs.made_logs import frames_of
 def test_what_is_no_log_is_told_with_all_that_are(tmp_path):
     with pytest.raises(ValueError, match="looks like no log that is known; name its kind: --kind carla or pcd or"):
         source_for(tmp_path)
-    with pytest.raises(ValueError, match="no source 'sick'; known: carla, pcd"):
+    with pytest.raises(ValueError, match=r"no source 'sick'\. Known: carla, pcd"):
         source_for(tmp_path, "sick")
     with pytest.raises(ValueError, match="there is no"):
         source_for(tmp_path / "nothing")
+    with pytest.raises(ValueError, match=r"no source 'velodine'; did you mean velodyne\? Known: carla, pcd"):
+        source_for(tmp_path, "velodine")
     (tmp_path / "grid.json").write_text("{}")
     with pytest.raises(ValueError, match="holds polar frames already; --to mcap"):
         source_for(tmp_path)
+
+
+def test_a_folder_of_several_kinds_tells_which_is_read(tmp_path, caplog):
+    (tmp_path / "a.pcd").touch()
+    assert source_for(tmp_path)[0] == "pcd"
+    assert not caplog.messages
+    (tmp_path / "b.ply").touch()
+    (tmp_path / "broken.npz").touch()
+    assert source_for(tmp_path)[0] == "pcd"
+    assert caplog.messages == [
+        f"frames: {tmp_path} holds logs of several kinds, and pcd is read; for the other give --kind ply, and an --out "
+        "of its own"
+    ]
+
+
+def test_a_folder_of_recordings_asks_for_one(tmp_path):
+    for name in ("a.pcap", "b.pcap"):
+        (tmp_path / name).touch()
+    with pytest.raises(
+        ValueError, match=r"holds 2 recordings, each of which is a log of its own; give one, as .*a\.pcap"
+    ):
+        source_for(tmp_path)
+
+
+@pytest.mark.parametrize("place", ["drive/velodyne_points/data", "training/velodyne"])
+def test_the_folder_of_kittis_scans_is_a_log_as_those_above_it_are(tmp_path, place):
+    (tmp_path / place).mkdir(parents=True)
+    (tmp_path / place / "000000.bin").touch()
+    for folder in (tmp_path / place, *(tmp_path / place).parents[: place.count("/") + 1]):
+        assert source_for(folder)[0] == "kitti"
 
 
 def test_a_package_adds_a_source(tmp_path, monkeypatch):
