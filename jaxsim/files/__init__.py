@@ -46,7 +46,17 @@ from jaxsim.files.texts import (
     real,
     repeated,
 )
-from jaxsim.files.whole import check_apart, check_name, check_size, file_of, files_in, replacing, tidy, write_text
+from jaxsim.files.whole import (
+    check_apart,
+    check_name,
+    check_size,
+    file_of,
+    files_below,
+    files_in,
+    replacing,
+    tidy,
+    write_text,
+)
 
 __all__ = [
     "CHANGED",
@@ -62,6 +72,7 @@ __all__ = [
     "digest",
     "digest_of_values",
     "file_of",
+    "files_below",
     "files_in",
     "files_of",
     "first_line",

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxsim.data.logs import known_sources, source_for, source_table
+from jaxsim.data.logs import LogOptions, known_sources, source_for, source_table
+from jaxsim.data.logs.makers import kitti_files
 from tests.data.logs.conftest import RINGS, room
 from tests.data.logs.made_logs import frames_of
 
@@ -50,6 +51,21 @@ def test_the_folder_of_kittis_scans_is_a_log_as_those_above_it_are(tmp_path, pla
     (tmp_path / place / "000000.bin").touch()
     for folder in (tmp_path / place, *(tmp_path / place).parents[: place.count("/") + 1]):
         assert source_for(folder)[0] == "kitti"
+
+
+def test_linked_drives_are_read_as_those_that_lie_there(tmp_path):
+    for drive in ("root/0001_sync", "elsewhere/0002_sync"):
+        (tmp_path / drive / "velodyne_points/data").mkdir(parents=True)
+        (tmp_path / drive / "velodyne_points/data/0000000000.bin").touch()
+    (tmp_path / "root/0002_sync").symlink_to(tmp_path / "elsewhere/0002_sync")
+    assert source_for(tmp_path / "root")[0] == "kitti"
+    assert [drive for _, drive, _ in kitti_files(tmp_path / "root")] == ["0001_sync", "0002_sync"]
+    (tmp_path / "samples").mkdir()
+    (tmp_path / "samples/x.pcd.bin").touch()
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links/samples").symlink_to(tmp_path / "samples")
+    kind, source = source_for(tmp_path / "links")
+    assert (kind, [item.name for item in source.items(tmp_path / "links", LogOptions())]) == ("nuscenes", ["x"])
 
 
 def test_a_package_adds_a_source(tmp_path, monkeypatch):
