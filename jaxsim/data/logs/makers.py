@@ -196,7 +196,7 @@ def _feather(file: Path) -> dict[str, np.ndarray]:
 
 
 def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
-    """Scans of KITTI's raw drives, object and odometry benchmarks: every .bin of a `velodyne` folder below.
+    """Scans of KITTI's raw drives, object, odometry and tracking benchmarks: every .bin of a `velodyne` folder below.
     SemanticKITTI's labels beside them become classes and objects. A point is of the nearest beam where the sensor was
     named, else of the line that its place in the file says."""
     files = kitti_files(path)
@@ -242,17 +242,28 @@ def kitti_files(path: Path) -> list[tuple[str, str, Path]]:
     for folder in sorted(folders):
         if folder.name == cropped and folder.with_name(whole) in folders:
             continue
-        drive = next((p.name for p in folder.parents if p.name.endswith(("_sync", "_extract"))), "")
-        if not drive and folder.name == "velodyne" and folder.parent.parent.name == "sequences":
-            drive = f"sequence_{folder.parent.name}"
+        drive = _drive_of(folder.absolute())
         # The object benchmark's testing counts from 0 again.
-        prefix = drive or ("testing" if folder.parent.name == "testing" else "")
+        prefix = drive or ("testing" if folder.absolute().parent.name == "testing" else "")
         for file in files_in(folder, ".bin"):
             name = f"{prefix}-{file.stem}" if prefix else file.stem
             files.append((name, drive or name, file))
     if not files:
         raise ValueError(f"kitti: no .bin under {path}; pass the folder of a drive, of training/velodyne or sequences/")
     return files
+
+
+def _drive_of(scans: Path) -> str:
+    """The drive, or the sequence, of a folder of scans; empty where each is for itself, as in the object benchmark."""
+    above, top = scans.parents[:2]
+    for one in (above, top):
+        if one.name.endswith(("_sync", "_extract")):
+            return one.name
+    if scans.name == "velodyne" and top.name == "sequences":
+        return f"sequence_{above.name}"
+    if above.name == "velodyne":  # tracking: velodyne/0000; its testing counts from 0 again
+        return f"testing_{scans.name}" if top.name == "testing" else scans.name
+    return ""
 
 
 def _times_beside(scan: Path) -> Path:
@@ -300,7 +311,7 @@ SOURCES: dict[str, Source] = {
         "argoverse2",
     ),
     "kitti": Source(
-        "KITTI raw, object, odometry: velodyne*/**/*.bin",
+        "KITTI raw, object, odometry, tracking: velodyne*/**/*.bin",
         _is_kitti,
         kitti_items,
     ),

@@ -1,5 +1,7 @@
 """What a log is told from."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -66,6 +68,26 @@ def test_linked_drives_are_read_as_those_that_lie_there(tmp_path):
     (tmp_path / "links/samples").symlink_to(tmp_path / "samples")
     kind, source = source_for(tmp_path / "links")
     assert (kind, [item.name for item in source.items(tmp_path / "links", LogOptions())]) == ("nuscenes", ["x"])
+
+
+def scan_at(root, *places):
+    for place in places:
+        (root / place).parent.mkdir(parents=True, exist_ok=True)
+        (root / place).touch()
+
+
+def test_scans_of_tracking_are_known_by_their_sequence(tmp_path):
+    scan_at(tmp_path, *(f"{part}/velodyne/000{k}/000000.bin" for part in ("testing", "training") for k in (0, 1)))
+    assert [found[:2] for found in kitti_files(tmp_path)] == [
+        (f"{sequence}-000000", sequence) for sequence in ("testing_0000", "testing_0001", "0000", "0001")
+    ]
+
+
+def test_a_scans_drive_is_the_folder_that_holds_it_wherever_the_command_is_given(tmp_path, monkeypatch):
+    scan_at(tmp_path, "my_sync/object/training/velodyne/000000.bin", "0001_sync/velodyne_points/data/0000000000.bin")
+    assert kitti_files(tmp_path / "my_sync")[0][:2] == ("000000", "000000")
+    monkeypatch.chdir(tmp_path / "0001_sync")
+    assert kitti_files(Path("."))[0][:2] == ("0001_sync-0000000000", "0001_sync")
 
 
 def test_a_package_adds_a_source(tmp_path, monkeypatch):
