@@ -33,6 +33,11 @@ def is_screen(file: Any) -> bool:
         return True
 
 
+def counted(number: int, noun: str) -> str:
+    """A number of things in words: `1 frame`, `2 frames`, `0 frames`."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 class Progress(tqdm):
     """tqdm that knows where it is shown: takes what tqdm takes."""
 

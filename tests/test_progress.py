@@ -11,7 +11,7 @@ import weakref
 import pytest
 
 from jaxsim import progress
-from jaxsim.progress import Progress
+from jaxsim.progress import Progress, counted
 from tests.programs import PATIENCE_S
 
 
@@ -137,3 +137,7 @@ def test_a_unit_that_ends_with_s_has_a_plural():
             pass
     assert "2 of 2 passes, " in log.getvalue()
     assert "2 of 2 frames, " in log.getvalue()
+
+
+def test_one_is_no_plural():
+    assert [counted(number, "frame") for number in (0, 1, 2)] == ["0 frames", "1 frame", "2 frames"]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version
 
-from jaxsim.cli.commands import COMMANDS, MODES, call, find_command, overview
+from jaxsim.cli.commands import COMMANDS, MODES, call, check_mode, find_command, overview
 from jaxsim.cli.console import tell_on_console, without_quiet
 from jaxsim.cli.endings import stop_on_error
 
@@ -32,4 +32,5 @@ def main(argv: list[str] | None = None) -> None:
             if mode in MODES:
                 call(MODES[mode], words[2:], name=f"jaxsim {mode}")
             else:
+                check_mode(words)
                 call(find_command(words[0]), words[1:], name=f"jaxsim {words[0]}")

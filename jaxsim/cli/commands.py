@@ -149,6 +149,14 @@ def find_command(name: str) -> Command:
     raise ValueError(f"jaxsim: no command {name!r}{guess} Known commands: {', '.join(COMMANDS)}")
 
 
+def check_mode(words: Sequence[str]) -> None:
+    """Raises ValueError where a second word that is no file is nearly that of a command of two: `eval generatoin` would
+    be the run of that name."""
+    near = get_close_matches(" ".join(words[:2]), MODES, n=1, cutoff=0.9)
+    if near and len(words) > 1 and near[0].startswith(f"{words[0]} ") and not Path(words[1]).exists():
+        raise ValueError(f"jaxsim: there is no {words[1]}; did you mean jaxsim {near[0]}?")
+
+
 def call(command: Command, words: Sequence[str], *, name: str) -> None:
     """Runs a command on the words that follow its name; `name` is how the user called it.
 

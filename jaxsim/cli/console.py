@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import sys
@@ -25,7 +26,13 @@ class Console(logging.Handler):
 
 
 def tell_on_console() -> None:
-    """Shows what jaxsim logs; warnings alone where JAXSIM_QUIET is set."""
+    """Shows what jaxsim logs; warnings alone where JAXSIM_QUIET is set.
+
+    What a terminal or a file has no letters for is told by numbers (`\\u2248`), as stderr does: no command is to fail
+    at its end for the name of a folder.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     logger = logging.getLogger("jaxsim")
     if not any(isinstance(one, Console) for one in logger.handlers):
         logger.addHandler(Console())

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from jaxsim.detect import published as voxel_rcnn
+from jaxsim.files import guess
 from jaxsim.metrics import inception, rangenet
 from jaxsim.pix2pix import published
 from jaxsim.pix2pix.losses import VGG19
@@ -65,10 +66,6 @@ class Convert:
     def __call__(self) -> None:
         if self.kind == NETWORK:
             self.network()
-        elif self.to != "npz":
-            raise ValueError(
-                f"convert: {self.kind} are published weights, which become npz; --to {self.to} is for {NETWORK}"
-            )
         else:
             self.published()
 
@@ -86,7 +83,12 @@ class Convert:
     def published(self) -> None:
         converter = CONVERTERS.get(self.kind)
         if converter is None:
-            raise ValueError(f"convert: no kind {self.kind!r}; known kinds: {', '.join([*CONVERTERS, NETWORK])}")
+            known = [*CONVERTERS, NETWORK]
+            raise ValueError(f"convert: no kind {self.kind!r}{guess(self.kind, known)} Known kinds: {', '.join(known)}")
+        if given := ["--to"] * (self.to != "npz") + ["--batch"] * (self.batch is not None):
+            raise ValueError(
+                f"convert: {self.kind} are published weights, which become npz; {' and '.join(given)} is for {NETWORK}"
+            )
         weights = convert(self.kind, converter, self.file, out=self.out)
         print(f"{self.out}: {len(weights.arrays)} arrays of {converter.title}, SHA-256 {weights.sha256[:16]}")
         if converter.digest and not weights.published:

@@ -12,6 +12,7 @@ from jaxsim.cli.flags import IntoFolder
 from jaxsim.config.ranges import Count, Whole
 from jaxsim.evaluate.cloud_folder import CloudFolder, clouds_in, detect_folder
 from jaxsim.evaluate.detector import load_detector
+from jaxsim.progress import counted
 from jaxsim.report.clouds import is_drawn, write_detected
 
 
@@ -62,7 +63,8 @@ class Detect(IntoFolder):
             sentence = f"{kind}s that {self.detector.name} finds in clouds of {self.clouds.name}."
             write_detected(self.folder, drawn, self.out, experiment=experiment, sentence=sentence)
         already = f"{len(files) - detections.clouds} clouds were there"
-        print(f"{detections.objects} of {kind} in {detections.clouds} clouds; {already}: {self.out / 'results'}")
+        found = f"{detections.objects} of {kind} in {counted(detections.clouds, 'cloud')}"
+        print(f"{found}; {already}: {self.out / 'results'}")
         if detections.clouds and not self.calib:
             print("no --calib: boxes are those of a camera that stands in the LiDAR, without rectangles in an image")
             if experiment.in_image:

@@ -76,6 +76,9 @@ def words_of(error: BaseException) -> str | None:
         return f"{where}{_REMEDIES.get(error.errno) or error.strerror}"
     if isinstance(error, UnicodeDecodeError):
         return f"a text is no {error.encoding}: {error}; save it as UTF-8"
+    if isinstance(error, UnicodeEncodeError):
+        at = max(error.start - 20, 0)
+        return f"a name has letters that are no {error.encoding}: {error.object[at : error.end]!r}; name it otherwise"
     if isinstance(error, ValueError | OSError | ModuleNotFoundError):
         return str(error)
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):

@@ -16,6 +16,7 @@ from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.runs import SensorScores, score_sensor
 from jaxsim.metrics.inception import open_extractor
+from jaxsim.progress import counted
 from jaxsim.report.pictures import Rgb, pair_picture, save_pictures
 from jaxsim.report.results import write_frechet, write_scores
 from jaxsim.runs.frames import read_frames
@@ -85,7 +86,7 @@ class Evaluation(Checked):
         over_scenes = {"intervals": judged.intervals, "differences": judged.differences, "scenes": judged.scenes}
         tables = write_scores(out, judged.scores, frames=names, distribution=judged.distribution, **over_scenes)
         save_pictures(out, _drawn(judged, sensor, self.pictures), by="eval")
-        print(f"{len(judged.pairs)} frames of {data.kind}\n\n{tables}\n")
+        print(f"{counted(len(judged.pairs), 'frame')} of {data.kind}\n\n{tables}\n")
         if extractor and judged.frechet:
             write_frechet(out, judged.frechet, extractor=extractor.name)
             print(f"{frechet_line(judged.frechet)}\n")

@@ -11,7 +11,7 @@ from jaxsim.evaluate.runs import mean_words, score_checkpoints
 from jaxsim.files import check_apart
 from jaxsim.metrics.detection import DIFFICULTIES, METRICS, OVERLAP_SETS, SCORED, MatchingRules, evaluate
 from jaxsim.metrics.detection.files import frame_list, frames_with_results, read_detections, read_truth
-from jaxsim.progress import Progress
+from jaxsim.progress import Progress, counted
 from jaxsim.report.boxes import detection_picture
 from jaxsim.report.detection import detection_table, mean_table, write_detection
 from jaxsim.report.pictures import save_pictures
@@ -56,10 +56,10 @@ class Detection:
         passes = len(self.classes) * len(DIFFICULTIES) * len(METRICS) * len(OVERLAP_SETS)
         with Progress(total=passes, desc="matching", unit="pass") as bar:
             curves = evaluate(truth, detections, rules=self.rules, classes=self.classes, done=bar.update)
-        counted = f"{len(names)} frames"
+        judged = counted(len(names), "frame")
         if not self.frames:
-            counted += f" of {len(frames_with_results(self.labels))} labelled (--frames FILE fixes the list)"
-        print(f"{counted}, {self.rules} rules\n\n{detection_table(curves)}\n")
+            judged += f" of {len(frames_with_results(self.labels))} labelled (--frames FILE fixes the list)"
+        print(f"{judged}, {self.rules} rules\n\n{detection_table(curves)}\n")
         out = self.writes_to
         compared = {"detections": str(self.detections), "labels": str(self.labels)}
         write_detection(out, curves, about=compared | {"frames": len(names), "rules": self.rules})
@@ -85,5 +85,5 @@ def judge_run(run: Path, data: DataSource, *, frames: str, out: Path, pictures: 
     range_m = experiment.voxels.range_m
     drawn = ((scene.name, detection_picture(scene, boxes, range_m, title="")) for scene, boxes in both)
     save_pictures(out, drawn, by="eval")
-    print(f"{len(scenes)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(curves)}\n")
+    print(f"{counted(len(scenes), 'frame')} of {source.kind}, step {steps[-1]}\n\n{detection_table(curves)}\n")
     print(f"{mean[0]}\n\n{mean_table(mean[1])}\n\nscores, curves and pictures: {out}")

@@ -9,6 +9,7 @@ from jaxsim.config.ranges import Checked, Count
 from jaxsim.evaluate.generation import COMPARED, generation_scores, open_folder
 from jaxsim.files import check_apart
 from jaxsim.metrics.rangenet import load_rangenet
+from jaxsim.progress import counted
 from jaxsim.report.results import list_scores, write_list
 
 
@@ -45,7 +46,7 @@ class Generation(Checked):
         rangenet = self.rangenet and load_rangenet(self.rangenet)
         scores = generation_scores(simulated, measured, rangenet=rangenet, compared=self.compared)
         frames = [len(simulated.names), len(measured.names)]
-        print(f"{frames[0]} simulated and {frames[1]} measured frames\n\n{list_scores(scores)}")
+        print(f"{frames[0]} simulated and {counted(frames[1], 'measured frame')}\n\n{list_scores(scores)}")
         if self.out:
             about = {"simulated": str(self.simulated), "measured": str(self.measured), "frames": frames}
             about |= {"compared": min(self.compared, *frames)}

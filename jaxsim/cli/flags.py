@@ -15,7 +15,7 @@ import tyro
 from jaxsim.config import DataConfig, DataKind, Streets
 from jaxsim.config.ranges import Checked, Whole
 from jaxsim.data import Dataset, open_dataset, source_of
-from jaxsim.data.select import frames_to_judge
+from jaxsim.runs.frames import judges_of, read_frames
 
 
 class IntoFolder(Checked):
@@ -100,14 +100,19 @@ class DataSource(Checked):
         """The frames that a run judges by where it is asked for no others: of another data set all, which is ""."""
         return "" if self.foreign else of_run.validation
 
-    def open(self, of_run: DataConfig, *, frames: str) -> tuple[Dataset, list[int]]:
-        """The data set, and the positions in it that `frames` names. Raises ValueError where there are none."""
+    def open(self, of_run: DataConfig, *, frames: str, run: Path) -> tuple[Dataset, list[int]]:
+        """The data set, and the positions in it that `frames` names, as `choose` has them."""
         dataset = open_dataset(self.config(of_run))
-        return dataset, self.choose(dataset, of_run, frames=frames)
+        return dataset, self.choose(dataset, of_run, frames=frames, run=run)
 
-    def choose(self, dataset: Dataset, of_run: DataConfig, *, frames: str) -> list[int]:
-        """The positions in the data set that `frames` names. Raises ValueError where there are none."""
-        return frames_to_judge(frames, dataset, validation=self.validation(of_run))
+    def choose(self, dataset: Dataset, of_run: DataConfig, *, frames: str, run: Path) -> list[int]:
+        """The positions in the data set that `frames` names; where it is empty, those of the validation frames of the
+        run in a folder, by name: their text may name others once drives have joined, which the run learned from.
+
+        Raises ValueError where there are none.
+        """
+        recorded = None if self.foreign else read_frames(run)
+        return judges_of(recorded, dataset, frames=frames, validation=self.validation(of_run))
 
 
 SAME = DataSource()

@@ -10,6 +10,7 @@ import tyro
 
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data.logs import LogOptions, source_for, source_table, write_log
+from jaxsim.progress import counted
 from jaxsim.recordings import WHOLE_FILE, export_frames
 
 
@@ -58,7 +59,7 @@ class Frames(Checked):
             raise ValueError("frames: give the log and --out FOLDER; `jaxsim frames --list` tells what can be read")
         if self.to:
             count = export_frames(self.source, self.out, self.to, every=self.every, most=self.most)
-            print(f"{count} clouds: {self.out}")
+            print(f"{counted(count, 'cloud')}: {self.out}")
             return
         kind, source = source_for(self.source, self.kind)
         written = write_log(self.source, kind, source, out=self.out, options=self.log, every=self.every, most=self.most)

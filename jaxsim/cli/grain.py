@@ -40,7 +40,7 @@ class LearnGrain(Checked):
             raise ValueError(NO_DISTRIBUTION)
         of_run, prepare = sensor.run.experiment.data, sensor.run.experiment.prepare
         data = self.data.config(of_run)
-        dataset, positions = self.data.open(of_run, frames=self.frames)
+        dataset, positions = self.data.open(of_run, frames=self.frames, run=self.run)
         pairs = prepared(dataset, positions, data, prepare=prepare)
         grain = learn_grain(make_predict(sensor.generate, prepare), sensor.params, pairs, scenes=pairs.scenes)
         for what, fields in (("intensity", grain.intensity), ("lost rays", grain.drop)):

@@ -67,7 +67,8 @@ class Sides(IntoFolder):
             from jaxsim.simulate.sides import write_pairs
 
             sensor = load(self.run)
-            dataset, positions = self.data.open(sensor.run.experiment.data, frames=self.frames)
+            of_run = sensor.run.experiment.data
+            dataset, positions = self.data.open(of_run, frames=self.frames, run=self.run)
             return write_pairs(sensor, dataset, positions, out=self.out, log=_log)
         given = [field.name for field in fields(DataSource) if getattr(self.data, field.name) != field.default]
         for flag in [*(f"data.{name}" for name in given), *["frames"] * bool(self.frames)]:

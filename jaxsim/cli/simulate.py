@@ -68,7 +68,7 @@ class Simulate(OnWorkers, IntoFolder):
     def __call__(self) -> None:
         maker = self.maker(load)
         of_run, page = maker.learned.run.experiment.data, self.out / CLOUDS_PAGE
-        positions = self.data.choose(maker.dataset, of_run, frames=self.frames)
+        positions = self.data.choose(maker.dataset, of_run, frames=self.frames, run=self.run)
         source = self.data.config(of_run)
         spread = on_cluster(self, by="simulate")
         speed = simulate_folder(maker, positions, source=source, previews=self.previews, spread=spread)

@@ -7,6 +7,7 @@ Wasserstein and Fréchet distances), grows faster than the folder, and is taken 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,8 @@ from jaxsim.metrics.frechet import frechet_distance_of
 from jaxsim.metrics.rangenet import Kernels, range_features
 from jaxsim.metrics.sliced_wasserstein import sliced_wasserstein
 from jaxsim.progress import Progress
+
+_log = logging.getLogger(__name__)
 
 BATCH, POINTS = 8, 2**14
 """Clouds of a batch, and the multiple that they are padded to."""
@@ -206,13 +209,20 @@ def generation_scores(
 
     Polar frames on one grid have all; clouds have the bird's-eye-view and Chamfer distances. Chamfer distances are
     of frames of the same name. With RangeNet's values also the Fréchet distance over range images. MMD, sliced
-    Wasserstein and Fréchet distances are taken of at most `compared` frames of each folder, evenly spaced.
+    Wasserstein and Fréchet distances are taken of at most `compared` frames of each folder, evenly spaced. Warns where
+    frames of one name have the same points.
     """
     scores = _bev(a, b, compared)
     shared = sorted({*a.names} & {*b.names})
     if shared:
         named = Progress(shared, desc="frames of the same name", unit="frame")
         pairs = [chamfer(a.points(name)[:, :3], b.points(name)[:, :3]) for name in named]
+        if same := [name for name, pair in zip(shared, pairs, strict=True) if pair.distance_m == 0]:
+            _log.warning(
+                f"generation: the points of {len(same)} of {len(shared)} frames of one name are the same in {a.path} "
+                f"and {b.path} (the first: {same[0]}): by that alone their distances are 0; intensities may differ. Is "
+                "one folder a copy of the other?"
+            )
         for name, unit in (("distance_m", "m"), ("square_m2", "m2"), ("density_aware", "1")):
             value = float(np.mean([getattr(pair, name) for pair in pairs]))
             scores[f"chamfer_{name}"] = Score(value, unit, len(pairs))

@@ -33,6 +33,7 @@ from jaxsim.files.stamps import (
 from jaxsim.files.texts import (
     check_keys,
     first_line,
+    guess,
     numbers,
     parse_json,
     parse_number,
@@ -45,7 +46,17 @@ from jaxsim.files.texts import (
     real,
     repeated,
 )
-from jaxsim.files.whole import check_apart, check_name, check_size, file_of, files_in, replacing, tidy, write_text
+from jaxsim.files.whole import (
+    check_apart,
+    check_name,
+    check_size,
+    file_of,
+    files_below,
+    files_in,
+    replacing,
+    tidy,
+    write_text,
+)
 
 __all__ = [
     "CHANGED",
@@ -61,9 +72,11 @@ __all__ = [
     "digest",
     "digest_of_values",
     "file_of",
+    "files_below",
     "files_in",
     "files_of",
     "first_line",
+    "guess",
     "image_of",
     "kept_files",
     "loaded",

@@ -105,6 +105,8 @@ def _opened(path: Path, *, by: str, again: str = "copy it again") -> Iterator[zi
     try:
         with zipfile.ZipFile(path) as archive:
             yield archive
+    except PermissionError:  # it may be whole
+        raise
     except DAMAGED as error:
         raise ValueError(f"{by}: {path} is no readable .npz of plain arrays ({error}); {again}") from error
 

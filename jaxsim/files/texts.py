@@ -41,6 +41,12 @@ def first_line(error: BaseException) -> str:
     return (str(error).strip() or "no message").splitlines()[0][:200]
 
 
+def guess(name: str, known: Iterable[str]) -> str:
+    """The end of a sentence on a name that is unknown: `; did you mean train?`, or a full stop where none is near."""
+    near = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {near[0]}?" if near else "."
+
+
 def repeated(values: Iterable[Value]) -> list[Value]:
     """The values that come more than once, each once."""
     return [value for value, times in Counter(values).items() if times > 1]

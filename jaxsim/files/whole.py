@@ -9,6 +9,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NoReturn
 
 TEMPORARY = re.compile(r"\.\d+\..+")
 """Names of `replacing`'s temporary files."""
@@ -60,6 +61,26 @@ def files_in(folder: Path | str, *suffixes: str) -> list[Path]:
     """
     paths = Path(folder).glob("*")
     return sorted(path for path in paths if path.suffix.lower() in suffixes and not path.name.startswith("."))
+
+
+def files_below(folder: Path | str, suffix: str) -> Iterator[Path]:
+    """The files of a folder and of all below it whose names end so (`.pcd.bin`), by their paths, as they are found.
+
+    Links are followed, as data sets are often folders of links; one that leads to a folder above itself ends there.
+    What is hidden is left out. Raises OSError for a folder that may not be read, since its files would be missed.
+    """
+
+    def refuse(error: OSError) -> NoReturn:
+        raise error
+
+    for where, folders, names in os.walk(folder, onerror=refuse, followlinks=True):
+        above = {os.path.realpath(parent) for parent in (Path(where), *Path(where).absolute().parents)}
+        folders[:] = sorted(
+            name
+            for name in folders
+            if not name.startswith(".") and os.path.realpath(os.path.join(where, name)) not in above
+        )
+        yield from (Path(where, name) for name in sorted(names) if name.endswith(suffix) and not name.startswith("."))
 
 
 def tidy(folder: Path | str) -> int:

@@ -29,7 +29,7 @@ from jaxsim.files import claim, file_of, files_in, parse_json, stamp_of, tell_an
 from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.prefetch import prefetch
-from jaxsim.progress import Progress
+from jaxsim.progress import Progress, counted
 from jaxsim.simulate.frames import begin_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.sensor import LearnedSensor, Projection
@@ -68,7 +68,7 @@ class Speed:
     def words(self, out: Path, *, workers: bool = False) -> str:
         """Tells what is in `out`, how fast the simulation is, and how long all took with what else it does; of
         `workers` that share it only how fast they are together."""
-        told = f"{self.simulated} frames simulated, {self.already} were there: {out}"
+        told = f"{counted(self.simulated, 'frame')} simulated, {self.already} were there: {out}"
         if not self.simulated:
             return told
         total = f"{self.total_s:.1f} s in all, with loading, compiling and writing"

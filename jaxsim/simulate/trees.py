@@ -37,7 +37,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.files import sha256_of, stamp_of, tell_anew
 from jaxsim.frame import Boxes, Frame
 from jaxsim.prefetch import prefetch
-from jaxsim.progress import Progress
+from jaxsim.progress import Progress, counted
 from jaxsim.simulate.clouds import check_recipe, grid_file, make_cloud
 from jaxsim.simulate.frames import begin_of
 from jaxsim.simulate.sensor import LearnedSensor
@@ -306,7 +306,7 @@ def _finish(plan: TreePlan, record: TreeRecord) -> None:
     reasons = Counter(entry["left_out"] for entry in entries.values() if entry["left_out"])
     left_out = "".join(f", {count} left out ({reason})" for reason, count in reasons.items())
     points = sum(entries[position]["points"] for position in finished) / max(len(finished), 1)
-    _log.info(f"{len(finished)} frames of {points:.0f} points on average{left_out}: {out}")
+    _log.info(f"{counted(len(finished), 'frame')} of {points:.0f} points on average{left_out}: {out}")
     # Last, when export.json is there to say why.
     if not finished:
         raise ValueError(f"export: no frame of {len(entries)} is left; see {out / 'export.json'}")

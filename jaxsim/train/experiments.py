@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 
 from jaxsim.config import LoopConfig
-from jaxsim.files import parse_settings, placed, read_json
+from jaxsim.files import guess, parse_settings, placed, read_json
 from jaxsim.runs.kinds import AnyExperiment, kind_in
 
 PACKAGE = Path(__file__).parents[1]
@@ -37,7 +37,7 @@ def load_experiment(name: str) -> tuple[AnyExperiment, str]:
     if name.endswith(".json"):
         return read_experiment(Path(name)), f"Settings of {name}."
     if not name.endswith(".py") and name not in _names():
-        raise ValueError(f"no experiment {name!r}; there are {', '.join(experiment_names())}")
+        raise ValueError(_unknown("experiment", name, experiment_names()))
     module = _module(name)
     if hasattr(module, "loop"):
         raise ValueError(f"{name} is not for `jaxsim train`: jaxsim real2sim2real --config {name}")
@@ -59,7 +59,7 @@ def load_loop(name: str) -> tuple[LoopConfig, str]:
         with placed(f"real2sim2real: {name} is no loop.json of this version"):
             return parse_settings(LoopConfig, read_json(name, by="real2sim2real")), f"settings of {name}"
     if not name.endswith(".py") and name not in loops:
-        raise ValueError(f"no Real2Sim2Real {name!r}; there are {known}")
+        raise ValueError(_unknown("Real2Sim2Real", name, loops))
     module = _module(name)
     if not isinstance(getattr(module, "loop", None), LoopConfig):
         raise ValueError(f"{name} holds no Real2Sim2Real; write `loop = ...` as in {CONFIGS / 'real2sim2real.py'}")
@@ -75,6 +75,10 @@ def read_experiment(path: Path) -> AnyExperiment:
     with placed(f"{path} is not the config.json of a run of this version"):
         content = read_json(path, by="train")
         return parse_settings(kind_in(content).experiment, content.get("experiment", content))
+
+
+def _unknown(what: str, name: str, known: tuple[str, ...]) -> str:
+    return f"no {what} {name!r}{guess(name, known)} There are {', '.join(known)}"
 
 
 def _names() -> list[str]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import jax
 import numpy as np
 from jaxtyping import PyTree, UInt8
 
 from jaxsim import devices
-from jaxsim.config import Experiment
+from jaxsim.config import Experiment, OptimConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import Changing, batches
 from jaxsim.data.seen import warn_of_seen_pairs
@@ -25,7 +26,7 @@ from jaxsim.prepare import input_channels
 from jaxsim.report.pictures import pair_picture
 from jaxsim.report.results import score_table
 from jaxsim.runs.frames import RunFrames, check_frames
-from jaxsim.runs.run import describe_run
+from jaxsim.runs.run import Checkpoints, describe_run
 from jaxsim.simulate.grain import save_grain
 from jaxsim.simulate.grain_fit import learn_grain
 from jaxsim.simulate.predict import STEP, Prediction, make_batch, make_predict
@@ -138,7 +139,9 @@ def intensity_training(experiment: Experiment) -> Training:
         steps=optim.steps,
         save_every=settings.save_every,
         judge_every=settings.picture_every,
-        state=start_from(create_state(experiment, channels, seed=settings.seed), optim.start, experiment),
+        state=start_from(
+            create_state(experiment, channels, seed=settings.seed), start_files(folder, optim), experiment
+        ),
         mesh=lambda k: mesh,
         batches=lambda a, b: (to_batch(devices.cut(mesh, pairs)) for pairs in ahead(loader, a, b)),
         step=lambda state, batch, k: train_step(state, batch),
@@ -157,6 +160,12 @@ def intensity_training(experiment: Experiment) -> Training:
         finish=finish if experiment.generator.form == "unet" else None,
         hint=f"Scores beside baselines, and pictures: jaxsim eval {folder}",
     )
+
+
+def start_files(folder: Path, optim: OptimConfig) -> tuple[Path, ...]:
+    """The converted files that the run in a folder begins from; none once it has a checkpoint, which holds what became
+    of them, so that they may be gone by then."""
+    return () if optim.start and Checkpoints(folder).latest is not None else optim.start
 
 
 def _warn_of_silence(says: Prediction, alone: Prediction, pair: Pair) -> None:

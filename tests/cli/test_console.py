@@ -1,7 +1,9 @@
 """What the library logs is told on the console, and `--quiet` leaves it out."""
 
+import io
 import logging
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -29,6 +31,15 @@ def test_what_is_told_goes_to_stdout_and_warnings_to_stderr(capsys):
     said = capsys.readouterr()
     assert said.out == "one of two\n"
     assert said.err == "warning: beware\n"
+
+
+@pytest.mark.parametrize(("encoding", "told"), [("ascii", r"o\xfc \u2248 \udce4"), ("utf-8", r"oü ≈ \udce4")])
+def test_what_a_terminal_has_no_letters_for_is_told_by_numbers(encoding, told, monkeypatch):
+    shown = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(shown, encoding=encoding, write_through=True))
+    tell_on_console()
+    print("oü ≈ \udce4")  # the last as Python reads a file's name in another encoding
+    assert shown.getvalue().decode(encoding) == f"{told}\n"
 
 
 @pytest.mark.parametrize("flag", ["--quiet", "-q"])

@@ -44,6 +44,15 @@ def test_what_is_read_is_not_overwritten(vgg, tmp_path):
     assert vgg.read_bytes() == before
 
 
+def test_flags_of_a_runs_network_are_refused_of_published_weights(vgg, tmp_path):
+    given = ["convert", "vgg19", str(vgg), "--out", str(tmp_path / "out.npz")]
+    for flags, named in ((["--batch", "2"], "--batch is"), (["--to", "onnx", "--batch", "2"], "--to and --batch is")):
+        with pytest.raises(SystemExit, match=f"vgg19 are published weights, which become npz; {named} for generator"):
+            main([*given, *flags])
+    with pytest.raises(SystemExit, match=r"no kind 'vgg18'; did you mean vgg19\? Known kinds: vgg19, "):
+        main(["convert", "vgg18", str(vgg), "--out", str(tmp_path / "out.npz")])
+
+
 @pytest.mark.slow
 def test_preparation_opens_the_penet_that_convert_writes(tmp_path, monkeypatch, capsys):
     """Half a gigabyte of zeros, of which only the first layer is told apart."""
@@ -68,5 +77,5 @@ def test_weights_of_another_network_stop_the_command(vgg, tmp_path):
 
 
 def test_an_unknown_kind_names_the_known_ones(vgg, tmp_path):
-    with pytest.raises(SystemExit, match=f"known kinds: {', '.join(CONVERTERS)}"):
+    with pytest.raises(SystemExit, match=f"Known kinds: {', '.join(CONVERTERS)}"):
         main(["convert", "vgg16", str(vgg), "--out", str(tmp_path / "out.npz")])

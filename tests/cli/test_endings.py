@@ -27,6 +27,9 @@ EXPECTED = {
     "a file is damaged .EOFError: no message": EOFError(),
     "a file is damaged .RecursionError": RecursionError("maximum recursion depth exceeded"),
     "a text is no utf-8": UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"),
+    r"letters that are no utf-8: '/data/lat\\udcfc'; name it otherwise": UnicodeEncodeError(
+        "utf-8", "/data/lat\udcfc/a", 9, 10, "surrogates not allowed"
+    ),
     "use it so": ValueError("kitti: use it so"),
     "is not installed": ModuleNotFoundError("PyTorch is not installed"),
 }

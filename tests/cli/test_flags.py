@@ -17,6 +17,9 @@ from jaxsim.cli.prepare import Prepare
 from jaxsim.cli.simulate import Simulate
 from jaxsim.config import DataConfig
 from jaxsim.data.synthetic.layout import STATISTICS
+from jaxsim.frame import Frame
+from jaxsim.geometry import preset
+from jaxsim.runs.frames import RunFrames, write_frames
 
 
 def test_files_of_effects_may_be_several_and_the_folder_is_the_commands_own():
@@ -99,3 +102,32 @@ def test_the_ablations_other_data_set_has_its_earlier_names():
 def test_effects_were_called_sensor(flags: type, words: str):
     for name in ("--effects", "--sensor"):
         assert parsed(flags, f"{words} --out o {name} sensor.json").effects == Path("sensor.json")
+
+
+class Drives:
+    """A data set of two frames a drive."""
+
+    name, spec = "drives", preset("vlp16")
+
+    def __init__(self, *drives: str):
+        self.names = [f"{drive}-{k}" for drive in drives for k in range(2)]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def name_of(self, index: int) -> str:
+        return self.names[index]
+
+    def __getitem__(self, index: int) -> Frame:
+        raise AssertionError("no frame is read to be chosen")
+
+
+def test_a_runs_validation_frames_are_known_by_their_names(tmp_path, caplog):
+    """A drive that sorts first has joined: what the run called 2 and 3 is now what it learned from."""
+    write_frames(tmp_path, RunFrames.at(Drives("b", "c"), [0, 1], validation=[2, 3]))
+    grown, of_run = Drives("a", "b", "c"), DataConfig(validation="2-3")
+    assert SAME.choose(grown, of_run, frames="", run=tmp_path) == [4, 5]
+    assert "validation frames '2-3' are no longer those of the run" in caplog.text
+    assert SAME.choose(grown, of_run, frames="0", run=tmp_path) == [0]
+    assert DataSource("polar").choose(grown, of_run, frames="", run=tmp_path) == [*range(6)]
+    assert SAME.choose(grown, of_run, frames="", run=tmp_path / "of_an_earlier_version") == [2, 3]

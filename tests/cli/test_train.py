@@ -17,3 +17,7 @@ def test_help_teaches(capsys):
 def test_an_unknown_experiment_names_the_known_ones():
     with pytest.raises(SystemExit, match="kitti_raw"):
         main(["train", "kitty"])
+    with pytest.raises(
+        SystemExit, match=r"no experiment 'synthtic'; did you mean synthetic\? There are ablation, demo"
+    ):
+        main(["train", "synthtic"])

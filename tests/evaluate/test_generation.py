@@ -27,7 +27,7 @@ def write_polar(folder, seed: int, *, gain: float = 1.0, semantic: bool = True, 
     return folder
 
 
-def test_a_folder_has_no_distance_from_itself(tmp_path):
+def test_a_folder_has_no_distance_from_itself_and_is_told_why(tmp_path, caplog):
     folder = open_folder(write_polar(tmp_path / "a", 0))
     scores = generation_scores(folder, folder)
     for name, score in scores.items():
@@ -35,6 +35,7 @@ def test_a_folder_has_no_distance_from_itself(tmp_path):
             assert score.value == pytest.approx(0, abs=1e-6), name
     assert scores["chamfer_distance_m"].count == 3
     assert {"lidargen_jsd", "lidargen_mmd", "r2dm_jsd", "r2dm_mmd", "lidm_jsd", "swd_16", "swd_mean"} <= {*scores}
+    assert "the points of 3 of 3 frames of one name are the same in" in caplog.text
 
 
 def test_a_dimmer_sensor_shows_in_intensity_and_not_in_the_clouds(tmp_path):
@@ -45,15 +46,19 @@ def test_a_dimmer_sensor_shows_in_intensity_and_not_in_the_clouds(tmp_path):
     assert scores["swd_mean"].value == pytest.approx(0, abs=0.5)
 
 
-def test_classes_of_the_simulated_twin_stand_for_those_that_measured_frames_lack(tmp_path):
+def test_classes_of_the_simulated_twin_stand_for_those_that_measured_frames_lack(tmp_path, caplog):
     a = open_folder(write_polar(tmp_path / "a", 0))
     twin = open_folder(write_polar(tmp_path / "b", 0, semantic=False))
     assert "intensity_given_class" in generation_scores(a, twin)
     stranger = open_folder(write_polar(tmp_path / "c", 1, semantic=False, names="xyz"))
+    caplog.clear()
     scores = generation_scores(a, stranger)
     assert "intensity_given_class" not in scores
     assert "intensity_given_all" in scores
     assert "chamfer_distance_m" not in scores
+    other = open_folder(write_polar(tmp_path / "d", 2))
+    assert generation_scores(a, other)["chamfer_distance_m"].value > 0
+    assert not caplog.messages
 
 
 @pytest.mark.long

@@ -173,3 +173,14 @@ def test_headers_are_parsed_by_one_thread_at_a_time(tmp_path, monkeypatch):
     assert all(map(equal, found))
     assert len(most) > 8
     assert max(most) == 1
+
+
+def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
+    write_arrays(tmp_path / "a.npz", ARRAYS)
+
+    def forbidden(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(zipfile, "ZipFile", forbidden)
+    with pytest.raises(PermissionError, match="Permission denied"):
+        read_arrays(tmp_path / "a.npz", by="frames")

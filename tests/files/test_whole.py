@@ -9,7 +9,17 @@ import pytest
 from jaxsim.data.polar_frames import frame_names, write_frame
 from jaxsim.evaluate.cloud_folder import clouds_in
 from jaxsim.evaluate.generation import open_folder
-from jaxsim.files import check_apart, check_size, file_of, files_in, replacing, tidy, write_image, write_text
+from jaxsim.files import (
+    check_apart,
+    check_size,
+    file_of,
+    files_below,
+    files_in,
+    replacing,
+    tidy,
+    write_image,
+    write_text,
+)
 from jaxsim.files.whole import SALT
 from jaxsim.frame import PolarImage
 from jaxsim.metrics.detection.files import frames_with_results
@@ -25,6 +35,28 @@ def test_leftovers_of_a_kill_and_files_of_other_programs_are_no_frames(tmp_path)
     assert frame_names(tmp_path) == [path.stem for path in clouds_in(tmp_path)] == ["a"]
     assert open_folder(tmp_path).names == ("a",)
     assert frames_with_results(tmp_path) == ["a"]
+
+
+def test_files_below_follows_links_but_no_circle_and_tells_of_a_folder_it_may_not_read(tmp_path, monkeypatch):
+    (tmp_path / "elsewhere/data").mkdir(parents=True)
+    (tmp_path / "root/.trash").mkdir(parents=True)
+    for place in ("elsewhere/data/b.bin", "root/a.bin", "root/a.txt", "root/.trash/c.bin", "root/._a.bin"):
+        (tmp_path / place).touch()
+    (tmp_path / "root/drive").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "elsewhere/back").symlink_to(tmp_path / "root")
+    (tmp_path / "elsewhere/again").symlink_to(tmp_path / "elsewhere")
+    root = tmp_path / "root"
+    assert list(files_below(root, ".bin")) == [root / "a.bin", root / "drive/data/b.bin"]
+    scandir = os.scandir
+
+    def forbidden(place):
+        if os.fspath(place).endswith("data"):
+            raise PermissionError(errno.EACCES, "Permission denied", os.fspath(place))
+        return scandir(place)
+
+    monkeypatch.setattr(os, "scandir", forbidden)
+    with pytest.raises(PermissionError, match="drive/data"):
+        list(files_below(root, ".bin"))
 
 
 def test_the_next_run_tidies_what_is_its_own_alone(tmp_path):

@@ -18,9 +18,9 @@ from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import read_frame, read_grid
 from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix.unet import cells_alone
-from jaxsim.train.intensity import intensity_training
+from jaxsim.train.intensity import intensity_training, start_files
 from tests.programs import ROOT, SMALL, running, said, wait_until
-from tests.untrained import tiny_experiment
+from tests.untrained import tiny_experiment, untrained_run
 
 pytestmark = pytest.mark.long
 
@@ -270,3 +270,10 @@ def test_the_papers_experiment_asks_for_vgg_before_it_reads_any_data(work, told)
     assert "vgg19-dcbb9e9d.pth" in output
     assert "leave the term out with --loss.perceptual 0" in output
     assert not (work / "runs" / "kitti_step_combined").exists()
+
+
+def test_a_run_with_a_checkpoint_needs_the_files_no_more_that_it_began_from(tmp_path):
+    optim = OptimConfig(start=(tmp_path / "generator.npz",))
+    assert start_files(tmp_path / "new", optim) == optim.start
+    assert not (tmp_path / "new").exists()
+    assert start_files(untrained_run(tmp_path / "run", tiny_experiment()), optim) == ()

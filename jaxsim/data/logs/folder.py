@@ -22,7 +22,7 @@ from jaxsim.data.sweeps import Sweep
 from jaxsim.files import CHANGED, claim, file_of, parse_json, read_json, stamp, tell_anew, write_text
 from jaxsim.frame import PolarGrid
 from jaxsim.geometry import same_grid
-from jaxsim.progress import Progress
+from jaxsim.progress import Progress, counted
 
 RECORD = "log.json"
 LEAST_TURN = 0.5
@@ -47,13 +47,13 @@ class Written:
 
     def words(self, out: Path) -> str:
         """Tells of the frames in `out`, and of the sensor that was told from them."""
-        lines = [f"{self.frames} frames of {self.rows} x {self.columns} cells in {out}"]
+        lines = [f"{counted(self.frames, 'frame')} of {self.rows} x {self.columns} cells in {out}"]
         if self.frames:
             lines.append(f"  {self.filled:.1%} of the cells hold a return")
         if self.already:
             lines.append(f"  {self.already} were there")
         if self.partial:
-            lines.append(f"  {self.partial} turns were passed over: {PARTIAL}")
+            lines.append(f"  {counted(self.partial, 'turn')} passed over: {PARTIAL}")
         sensor = self.sensor
         if sensor is not None:
             top, bottom = np.rad2deg(sensor.beams.elevation_rad[[0, -1]])

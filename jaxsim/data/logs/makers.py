@@ -16,7 +16,7 @@ from jaxsim.data.kitti_files import scan_time
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, offsets, reading, scan_of_fields
 from jaxsim.data.point_labels import labels_of, read_point_labels
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
-from jaxsim.files import files_in, need
+from jaxsim.files import files_below, files_in, need
 from jaxsim.geometry import preset
 
 _KITTI_COLUMNS = preset("hdl64e").columns
@@ -125,7 +125,7 @@ def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
             f"nuscenes: --log.full-scale is {options.full_scale:g}; the intensity of these sweeps is "
             f"0..{_SWEEP_SCALE}: leave it out"
         )
-    files = [path] if path.is_file() else sorted(path.rglob("*.pcd.bin"))
+    files = [path] if path.is_file() else sorted(files_below(path, ".pcd.bin"))
     columns = {} if options.columns is None else {"columns": options.columns}
     for file in files:
         yield Item(file.name.removesuffix(".pcd.bin"), lambda file=file: read_lidar_top(file, **columns), (file,))
@@ -139,7 +139,7 @@ def argoverse2_items(path: Path, options: LogOptions) -> Iterator[Item]:
     lower one's, which hangs upside down (--log.rings 32-63). Where on the car it stands is told from its beams.
     """
     need("pyarrow", "argoverse2", by="argoverse2")
-    files = [path] if path.is_file() else sorted(path.rglob("sensors/lidar/*.feather"))
+    files = [path] if path.is_file() else sorted(filter(_is_sweep, files_below(path, ".feather")))
     for file in files:
         log = file.parents[2].name
         poses = file.parents[2] / "city_SE3_egovehicle.feather"
@@ -196,7 +196,7 @@ def _feather(file: Path) -> dict[str, np.ndarray]:
 
 
 def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
-    """Scans of KITTI's raw drives, object and odometry benchmarks: every .bin of a `velodyne` folder below.
+    """Scans of KITTI's raw drives, object, odometry and tracking benchmarks: every .bin of a `velodyne` folder below.
     SemanticKITTI's labels beside them become classes and objects. A point is of the nearest beam where the sensor was
     named, else of the line that its place in the file says."""
     files = kitti_files(path)
@@ -236,23 +236,34 @@ def kitti_files(path: Path) -> list[tuple[str, str, Path]]:
     """
     if path.is_file():
         return [(path.stem, path.stem, path)]
-    folders = {p.parent for p in path.rglob("*.bin") if not p.name.endswith(".pcd.bin")}
+    folders = {p.parent for p in files_below(path, ".bin") if not p.name.endswith(".pcd.bin")}
     whole, cropped = SCANS
     files = []
     for folder in sorted(folders):
         if folder.name == cropped and folder.with_name(whole) in folders:
             continue
-        drive = next((p.name for p in folder.parents if p.name.endswith(("_sync", "_extract"))), "")
-        if not drive and folder.name == "velodyne" and folder.parent.parent.name == "sequences":
-            drive = f"sequence_{folder.parent.name}"
+        drive = _drive_of(folder.absolute())
         # The object benchmark's testing counts from 0 again.
-        prefix = drive or ("testing" if folder.parent.name == "testing" else "")
+        prefix = drive or ("testing" if folder.absolute().parent.name == "testing" else "")
         for file in files_in(folder, ".bin"):
             name = f"{prefix}-{file.stem}" if prefix else file.stem
             files.append((name, drive or name, file))
     if not files:
         raise ValueError(f"kitti: no .bin under {path}; pass the folder of a drive, of training/velodyne or sequences/")
     return files
+
+
+def _drive_of(scans: Path) -> str:
+    """The drive, or the sequence, of a folder of scans; empty where each is for itself, as in the object benchmark."""
+    above, top = scans.parents[:2]
+    for one in (above, top):
+        if one.name.endswith(("_sync", "_extract")):
+            return one.name
+    if scans.name == "velodyne" and top.name == "sequences":
+        return f"sequence_{above.name}"
+    if above.name == "velodyne":  # tracking: velodyne/0000; its testing counts from 0 again
+        return f"testing_{scans.name}" if top.name == "testing" else scans.name
+    return ""
 
 
 def _times_beside(scan: Path) -> Path:
@@ -267,8 +278,20 @@ def _is_ouster(path: Path) -> bool:
     return path.suffix == ".pcap" and path.with_suffix(".json").is_file()
 
 
-def _below(path: Path, pattern: str) -> bool:
-    return path.is_dir() and next(path.rglob(pattern), None) is not None
+def _is_kitti(path: Path) -> bool:
+    if not path.is_dir():
+        return path.suffix == ".bin" and not path.name.endswith(".pcd.bin")
+    # The folder of the scans itself is one, too: `velodyne`, or a raw drive's `velodyne_points/data`.
+    return any(
+        one.name.startswith("velodyne")
+        for file in files_below(path, ".bin")
+        for one in (file.absolute().parent, file.absolute().parent.parent)
+    )
+
+
+def _is_sweep(file: Path) -> bool:
+    """Whether a table of Argoverse 2 is a sweep: others of its log have the same ending."""
+    return file.parent.name == "lidar" and file.parent.parent.name == "sensors"
 
 
 SOURCES: dict[str, Source] = {
@@ -277,17 +300,19 @@ SOURCES: dict[str, Source] = {
         "Velodyne: .pcap", lambda p: p.suffix == ".pcap" and not _is_ouster(p), velodyne_items, "velodyne"
     ),
     "nuscenes": Source(
-        "nuScenes: LIDAR_TOP/*.pcd.bin", lambda p: p.name.endswith(".pcd.bin") or _below(p, "*.pcd.bin"), nuscenes_items
+        "nuScenes: LIDAR_TOP/*.pcd.bin",
+        lambda p: any(True for _ in files_below(p, ".pcd.bin")) if p.is_dir() else p.name.endswith(".pcd.bin"),
+        nuscenes_items,
     ),
     "argoverse2": Source(
         "Argoverse 2: sensors/lidar/*.feather",
-        lambda p: p.suffix == ".feather" or _below(p, "sensors/lidar/*.feather"),
+        lambda p: any(map(_is_sweep, files_below(p, ".feather"))) if p.is_dir() else p.suffix == ".feather",
         argoverse2_items,
         "argoverse2",
     ),
     "kitti": Source(
-        "KITTI raw, object, odometry: velodyne*/**/*.bin",
-        lambda p: (p.suffix == ".bin" and not p.name.endswith(".pcd.bin")) or _below(p, "velodyne*/**/*.bin"),
+        "KITTI raw, object, odometry, tracking: velodyne*/**/*.bin",
+        _is_kitti,
         kitti_items,
     ),
 }

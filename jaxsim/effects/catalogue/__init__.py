@@ -49,6 +49,7 @@ from jaxsim.effects.catalogue import (
     window_contamination,
 )
 from jaxsim.effects.effect import Effect
+from jaxsim.files import guess
 
 EFFECTS: dict[str, Effect] = {
     # geometry
@@ -107,7 +108,7 @@ def get_effect(name: str) -> Effect:
     """The effect of that name. Raises ValueError that lists the known names."""
     if name not in EFFECTS:
         raise ValueError(
-            f"no effect named {name!r}; known: {', '.join(EFFECTS)}; one of your own needs --effects-from FILE.py, or "
-            "its package installed"
+            f"no effect named {name!r}; known: {', '.join(EFFECTS)}{guess(name, EFFECTS)} One of your own needs "
+            "--effects-from FILE.py, or its package installed"
         )
     return EFFECTS[name]
