@@ -57,8 +57,8 @@ class Canvas:
     rows: list[tuple[str, ...]] = field(default_factory=list)
     """What it shows as a table, its heads first, for who cannot see it; empty where the page says it already."""
 
-    def _add(self, element: str, *values: object, **named: object) -> None:
-        self.elements.append(Markup(element).format(*values, **named))
+    def _add(self, element: str, *values: object) -> None:
+        self.elements.append(Markup(element).format(*values))
 
     def line(self, points: object, *, colour: str = INK, width: Length = 1.0) -> None:
         self._add('<polyline points="{}" fill="none" stroke="{}" stroke-width="{:g}"/>', _path(points), colour, width)

@@ -10,22 +10,21 @@ from markupsafe import Markup
 
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
-from jaxsim.report.boxes import draw_above
 from jaxsim.report.canvas import Canvas, save_figure
-from jaxsim.report.page import EMPTY, figure, image, join_parts, paragraph, section, table, whole_page
+from jaxsim.report.clouds import draw_above
+from jaxsim.report.page import EMPTY, figure, section, table, whole_page
 from jaxsim.report.pictures import Rgb, beside
 from jaxsim.report.results import write_results
 from jaxsim.report.scenes import TurnedScene, cloud_with_boxes, turning
 from jaxsim.studies.real2sim2real import CLOUD_KINDS, Loop
 from jaxsim.studies.real2sim2real.charts import WORDS, Counts, check_tables, epochs_chart, write_checks
 from jaxsim.studies.real2sim2real.scores import (
-    HEADS,
     answer,
     discovered_effects,
     epochs_on_real,
     loop_tables,
     plain_tables,
-    score_cells,
+    score_table,
 )
 
 PANEL = 620
@@ -48,7 +47,7 @@ def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb], *, cloud
 
 def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, clouds: Sequence[TurnedScene]) -> str:
     def drawn(name: str, words: str) -> Markup:
-        return figure(image(pictures[name], words), words) if name in pictures else EMPTY
+        return figure(pictures[name], words) if name in pictures else EMPTY
 
     checks, config = check_tables(counts, loop.target), loop.config
 
@@ -58,8 +57,6 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
         return Markup("<h3>{}</h3>").format(title) + table(heads, rows, text=1) + shown
 
     turned, scenes = turning(clouds, "Labelled cars are green, found ones orange; the crossed side is the front.")
-    heads = ("difficulty", "labels", *HEADS)
-    known = join_parts(paragraph(f"{kind}: {CLOUD_KINDS[kind][1]}.") for kind in config.kinds)
     return whole_page(
         title="jaxsim: Real2Sim2Real",
         sentence=answer(loop),
@@ -73,26 +70,26 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
         sections=[
             section(
                 "Trained on simulated clouds, scored on real ones",
-                paragraph(
-                    f"AP R40 of {loop.target}, percent, mean of the last epochs; in brackets the paper's, on KITTI."
-                )
-                + table(("trained on", *heads), score_cells(loop, of_real=False), text=2)
-                + drawn("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
+                f"AP R40 of {loop.target}, percent, mean of the last epochs; in brackets the paper's, on KITTI.",
+                table(*score_table(loop, of_real=False), text=2),
+                drawn("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
             ),
             section(
                 "Trained on real clouds, scored on simulated ones",
-                table(("scored on", *heads), score_cells(loop, of_real=True), text=2),
+                table(*score_table(loop, of_real=True), text=2),
             ),
             section(
-                "The kinds of clouds", known + drawn("clouds", "One frame of the renderer, labelled cars in green")
+                "The kinds of clouds",
+                *(f"{kind}: {CLOUD_KINDS[kind][1]}." for kind in config.kinds),
+                drawn("clouds", "One frame of the renderer, labelled cars in green"),
             ),
             section(
                 "Why",
-                paragraph(WORDS)
-                + join_parts(check(title) for title in checks)
-                + drawn("intensity", "Intensity of the points, logarithmic")
-                + drawn("elsewhere", "Points on no object: range, height and intensity")
-                + drawn("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),
+                WORDS,
+                *map(check, checks),
+                drawn("intensity", "Intensity of the points, logarithmic"),
+                drawn("elsewhere", "Points on no object: range, height and intensity"),
+                drawn("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),
             ),
             section("One real frame", drawn("found", "What each detector finds (orange); labelled cars in green")),
             turned,
@@ -133,9 +130,7 @@ def turned_clouds(loop: Loop, real: Scene, detected: Mapping[str, Detected]) -> 
 
 def _panel(scene: Scene, span: tuple[float, ...], detected: Detected, *, title: str) -> Rgb:
     labelled = scene.boxes[scene.target]
-    return draw_above(
-        scene.points, span, detected=detected.boxes, score=detected.score, labelled=labelled, title=title, height=PANEL
-    )
+    return draw_above(scene.points, span, detected=detected, labelled=labelled, title=title, height=PANEL)
 
 
 def _grid(panels: Sequence[Rgb]) -> Rgb:
