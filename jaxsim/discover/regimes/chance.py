@@ -3,7 +3,7 @@
 Where regions are made of whole scenes, scenes are exchangeable if nothing divides them: their excesses are dealt out
 anew. Where regions run through every scene (sectors), each scene's contrast is as likely as its negative: scenes change
 signs. Either way the best of a question's regions is held against the best under each draw (max-T), which pays for
-having looked at all; and false discoveries are kept rare over all questions by Benjamini and Hochberg (1995).
+having looked at all. (`find` keeps false discoveries rare over all questions.)
 
     ask             a question about an effect that is named, by its cells
     scenes_by_size  drives that only their own readings tell apart: some have the effect, others have not
@@ -75,15 +75,6 @@ def flipped(contrasts: Float[np.ndarray, "k n"], variance: Float[np.ndarray, " k
     gains = np.stack([clipped(one) for one in scaled])
     by_chance = (signs_of(contrasts.shape[1]) @ gains.T).max(1)
     return best, float(np.mean(by_chance >= gains[best].sum() - 1e-9))
-
-
-def false_discovery_rates(findings: list[FoundRegion]) -> list[float]:
-    """The q-value of each, over all questions that were asked."""
-    if not findings:
-        return []
-    from scipy.stats import false_discovery_control  # waits: few answers need it, and it imports much
-
-    return [float(q) for q in false_discovery_control([one.p_value for one in findings])]
 
 
 def scenes_by_size(of: Cells, facts: Facts) -> FoundRegion | None:

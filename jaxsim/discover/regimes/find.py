@@ -18,7 +18,7 @@ from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
 from jaxsim.discover.read.control import NO_CONTROL
-from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_discovery_rates, scenes_by_size
+from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, scenes_by_size
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
 from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells_of, questions
 from jaxsim.discover.rules import RULES
@@ -228,10 +228,14 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
 
 
 def _ranked(leads: list[Lead]) -> list[Lead]:
-    """The leads with q-values over all of them, least probable by chance first; what divides drives by a fact before
-    what divides them by their readings alone."""
-    rates = false_discovery_rates([one.finding for one in leads])
-    rated = [replace(one, q_value=q) for one, q in zip(leads, rates, strict=True)]
+    """The leads with q-values over all of them (Benjamini & Hochberg 1995), least probable by chance first; what
+    divides drives by a fact before what divides them by their readings alone."""
+    if not leads:
+        return []
+    from scipy.stats import false_discovery_control  # waits: few answers need it, and it imports much
+
+    rates = false_discovery_control([one.finding.p_value for one in leads])
+    rated = [replace(one, q_value=float(q)) for one, q in zip(leads, rates, strict=True)]
     return sorted(rated, key=lambda one: (one.finding.question.divides == "scene", one.finding.p_value))
 
 
