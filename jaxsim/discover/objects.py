@@ -49,18 +49,9 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
             continue
         count = sum(map(len, scenes.values()))
         off = [np.array(rows) for rows in scenes.values()]
-        points = [rows[:, 0] for rows in off]
-        intensity = [rows[:, 1] for rows in off]
-        comparisons.append(
-            Fidelity(
-                kind,
-                count,
-                points=mean_over_scenes([np.abs(rows) for rows in points], least=0.0),
-                points_more=mean_over_scenes(points),
-                intensity=mean_over_scenes([np.abs(rows) for rows in intensity], least=0.0),
-                intensity_more=mean_over_scenes(intensity),
-            )
-        )
+        points = _errors([rows[:, 0] for rows in off])
+        intensity = _errors([rows[:, 1] for rows in off])
+        comparisons.append(Fidelity(kind, count, *points, *intensity))
     return tuple(sorted(comparisons, key=lambda one: -one.targets))
 
 
@@ -99,6 +90,11 @@ def targets(comparison: Comparison, frame: int) -> Iterator[Target]:
 def _more(simulated: float, measured: float) -> float:
     """As a share of the measured; NaN of nothing."""
     return simulated / measured - 1 if measured else float("nan")
+
+
+def _errors(off: list[np.ndarray]) -> tuple[Interval, Interval]:
+    """The mean absolute error and the mean signed one, of scenes' targets."""
+    return mean_over_scenes([np.abs(rows) for rows in off], least=0.0), mean_over_scenes(off)
 
 
 def mean_over_scenes(values: list[np.ndarray], *, least: float = -np.inf) -> Interval:
