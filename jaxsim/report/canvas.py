@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -37,14 +36,6 @@ OF_PAGE = {
 }  # fmt: skip
 """Colours that a page sets by these names of its style, light and dark."""
 FONT = "system-ui, 'Helvetica Neue', Arial, sans-serif"
-
-
-class ClickTarget(NamedTuple):
-    """What a part of a chart stands for: a click on it lights rays (viewer.js)."""
-
-    chart: str
-    """Name of what is picked: `row`, or of a curve."""
-    index: int
 
 
 @dataclass
@@ -96,12 +87,15 @@ class Canvas:
             *(x, y, width, height, Markup(' data-map="{}"').format(name) if name else "", data_uri(rgb)),
         )
 
-    def target(self, target: ClickTarget, words: str, *, x: Length, y: Length, width: Length, height: Length) -> None:
-        """A rectangle that answers to a click and to the keyboard; `words` say what it stands for."""
+    def target(
+        self, chart: str, index: int, words: str, *, x: Length, y: Length, width: Length, height: Length
+    ) -> None:
+        """A rectangle that answers to a click and to the keyboard, which lights the rays (viewer.js) of so numbered a
+        part of a `chart`: `row`, or the name of a curve. `words` say what it stands for."""
         self._add(
             '<rect class="target" fill="none" data-chart="{}" data-index="{}" aria-label="{}" '
             'x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{:.1f}"/>',
-            *(target.chart, target.index, words, x, y, width, height),
+            *(chart, index, words, x, y, width, height),
         )
 
     def svg(self, label: str) -> Markup:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid
-from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, ClickTarget, Length, Rgb
+from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, Length, Rgb
 from jaxsim.report.page import number
 
 Map = Float[np.ndarray, "r c"]
@@ -268,9 +268,8 @@ def _targets(canvas: Canvas, x: _Line, across: Coordinate, *, name: str, words: 
         left, right = sorted((across(ends[k]), across(ends[k + 1])))
         # The first and the last strip, and those of narrow charts, stay wide enough to hit.
         left, right = left - (k == 0) * 6, right + (k == len(x) - 1) * 6
-        target = ClickTarget(name, k)
         label = words[k] if k < len(words) else words[0]
-        canvas.target(target, label, x=left, y=14, width=right - left, height=canvas.height - 58)
+        canvas.target(name, k, label, x=left, y=14, width=right - left, height=canvas.height - 58)
 
 
 def interval_chart(

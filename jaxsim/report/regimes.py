@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from jaxsim.discover.verdict import JudgeFrame, Regime
 from jaxsim.report import page
-from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, ClickTarget
+from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas
 from jaxsim.report.charts import Coordinate, label, scaled, ticks, x_axis
 from jaxsim.report.page import EMPTY, DrawChart, code, number, percent, probability
 from jaxsim.report.words import part_of, span
@@ -157,8 +157,7 @@ def _sector_targets(canvas: Canvas, x: np.ndarray, across: Coordinate, *, ordina
     half = abs(across(float(np.max(x))) - across(float(np.min(x)))) / max(len(x) - 1, 1) / 2 or 6.0
     for k, at in enumerate(x.tolist()):
         words = f"sector about {label(round(at))}° of azimuth"
-        target = ClickTarget(_picked(ordinal), k)
-        canvas.target(target, words, x=across(at) - half, y=TOP, width=2 * half, height=BOTTOM - TOP)
+        canvas.target(_picked(ordinal), k, words, x=across(at) - half, y=TOP, width=2 * half, height=BOTTOM - TOP)
 
 
 def _frame_targets(
@@ -182,4 +181,4 @@ def _frame_targets(
         if one.where.time_s:
             acts = ": acts" if bool(one.where.in_time(np.float32(frame.time_s))) else ": does not act"
         words = f"{title(frame)}, {number(frame.time_s)} s{acts}"
-        canvas.target(ClickTarget("scene", k), words, x=left, y=TOP - 20, width=right - left, height=BOTTOM - TOP + 20)
+        canvas.target("scene", k, words, x=left, y=TOP - 20, width=right - left, height=BOTTOM - TOP + 20)

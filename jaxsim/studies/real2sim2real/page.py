@@ -16,16 +16,8 @@ from jaxsim.report.page import EMPTY, figure, section, table, whole_page
 from jaxsim.report.pictures import Rgb, beside
 from jaxsim.report.results import write_results
 from jaxsim.report.scenes import TurnedScene, cloud_with_boxes, turning
-from jaxsim.studies.real2sim2real import CLOUD_KINDS, Loop
+from jaxsim.studies.real2sim2real import CLOUD_KINDS, Loop, scores
 from jaxsim.studies.real2sim2real.charts import WORDS, Counts, check_tables, epochs_chart, write_checks
-from jaxsim.studies.real2sim2real.scores import (
-    answer,
-    discovered_effects,
-    epochs_on_real,
-    loop_tables,
-    plain_tables,
-    score_table,
-)
 
 PANEL = 620
 """Height of a cloud from above, pixels."""
@@ -37,10 +29,10 @@ def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb], *, cloud
     `clouds` turn in it.
     """
     drawn = write_checks(loop.out, counts, loop.target, pictures=pictures)
-    if epochs := epochs_chart(epochs_on_real(loop)):
+    if epochs := epochs_chart(scores.epochs_on_real(loop)):
         drawn["epochs"] = epochs
         save_figure(loop.out / "pictures", "epochs", epochs, words="AP on real clouds at each checkpoint")
-    content, text = plain_tables(loop, counts), loop_tables(loop, counts)
+    content, text = scores.plain_tables(loop, counts), scores.loop_tables(loop, counts)
     page = _page(loop, counts, drawn, clouds=clouds)
     return write_results(loop.out, "real2sim2real", content, text=text, page=page, indent=1)
 
@@ -59,11 +51,11 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
     turned, scenes = turning(clouds, "Labelled cars are green, found ones orange; the crossed side is the front.")
     return whole_page(
         title="jaxsim: Real2Sim2Real",
-        sentence=answer(loop),
+        sentence=scores.answer(loop),
         facts=[
             ("real frames", f"{config.detector.data.kind}, {config.detector.data.validation} to judge"),
             ("renderer", config.synthetic.kind),
-            ("the sensor was found to lack", discovered_effects(loop)),
+            ("the sensor was found to lack", scores.discovered_effects(loop)),
             ("seeds", ", ".join(map(str, config.seeds))),
             ("detector", f"Voxel R-CNN, {config.detector.optim.epochs} epochs"),
         ],
@@ -71,12 +63,12 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
             section(
                 "Trained on simulated clouds, scored on real ones",
                 f"AP R40 of {loop.target}, percent, mean of the last epochs; in brackets the paper's, on KITTI.",
-                table(*score_table(loop, of_real=False), text=2),
+                table(*scores.score_table(loop, of_real=False), text=2),
                 drawn("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
             ),
             section(
                 "Trained on real clouds, scored on simulated ones",
-                table(*score_table(loop, of_real=True), text=2),
+                table(*scores.score_table(loop, of_real=True), text=2),
             ),
             section(
                 "The kinds of clouds",
