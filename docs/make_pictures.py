@@ -18,7 +18,7 @@ from jaxsim.files import read_arrays
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.prepare import prepare_frame
-from jaxsim.report.boxes import draw_above, draw_on_image
+from jaxsim.report.clouds import draw_above, draw_on_image
 from jaxsim.report.pictures import beside, colour_scalar, draw_cloud, intensity_panel, pair_picture, save_picture, strip
 from jaxsim.simulate.predict import make_predict
 
@@ -90,7 +90,7 @@ def detections() -> None:
     found, _ = make_find(experiment)(detector.network, scene.points)
     # What lies beyond the range was neither looked for nor scored.
     labelled = scene.boxes[scene.target & inside(scene.boxes, experiment.voxels)]
-    boxes = {"found": found.boxes, "score": found.score, "labelled": labelled}
+    boxes = {"detected": found, "labelled": labelled}
     on_image = draw_on_image(np.asarray(frame.camera.rgb), scene.view, **boxes)
     x0, _, z0, x1, _, z1 = experiment.voxels.range_m
     above = draw_above(scene.points, (x0, -11.2, z0, x1, 11.2, z1), **boxes, height=562)

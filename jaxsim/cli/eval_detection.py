@@ -12,7 +12,7 @@ from jaxsim.files import check_apart
 from jaxsim.metrics.detection import DIFFICULTIES, METRICS, OVERLAP_SETS, SCORED, MatchingRules, evaluate
 from jaxsim.metrics.detection.files import frame_list, frames_with_results, read_detections, read_truth
 from jaxsim.progress import Progress, counted
-from jaxsim.report.boxes import detection_picture
+from jaxsim.report.clouds import detection_picture
 from jaxsim.report.detection import detection_table, mean_table, write_detection
 from jaxsim.report.pictures import save_pictures
 from jaxsim.runs.kinds import DetectorRun

@@ -17,8 +17,7 @@ from jaxtyping import Float
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law, Parameter
-from jaxsim.effects.edits import brighten, lose, misread
-from jaxsim.effects.learned import CHANGE, OFFSET, hats
+from jaxsim.effects.learned import CHANGE, CHANGE_UNITS, LIMITS, OFFSET, hats
 from jaxsim.effects.rays import Array, Rays, covariates
 from jaxsim.products import matmul
 
@@ -124,39 +123,28 @@ class Heights(Parameter):
         return (self.columns,)
 
 
-def _curve(p: dict[str, Array], rays: Rays) -> Float[Array, "*n"]:
-    """The curve's height at each ray. Raises ValueError for rays that carry no basis."""
-    if rays.basis is None:
-        raise ValueError("a free curve needs the basis of its covariate: make the problem with `with_basis`")
-    return matmul(rays.basis, p["height"])
+def _curve(change: str, meaning: str, scale: float) -> Law:
+    """A free curve of a change, within its limits. Its `apply` raises ValueError for rays that carry no basis."""
+
+    def apply(p: dict[str, Array], rays: Rays) -> Rays:
+        if rays.basis is None:
+            raise ValueError("a free curve needs the basis of its covariate: make the problem with `with_basis`")
+        return CHANGE[change](rays, matmul(rays.basis, p["height"]))
+
+    return Law(
+        name=f"{change} curve",
+        parameters={"height": Heights(0.0, *LIMITS[change], CHANGE_UNITS[change], meaning, scale=scale)},
+        channels=("intensity" if change == OFFSET else change,),
+        apply=apply,
+        starts=({"height": 0.03},) if change == "drop" else (),
+    )
 
 
 CURVES = {
-    "intensity": Law(
-        name="intensity curve",
-        parameters={"height": Heights(0.0, -2.0, 2.0, "nats", "change of ln I at each knot", scale=0.15)},
-        channels=("intensity",),
-        apply=lambda p, rays: brighten(rays, _curve(p, rays)),
-    ),
-    OFFSET: Law(
-        name="offset curve",
-        parameters={"height": Heights(0.0, -1.0, 1.0, "", "addition to I at each knot", scale=0.02)},
-        channels=("intensity",),
-        apply=lambda p, rays: CHANGE[OFFSET](rays, _curve(p, rays)),
-    ),
-    "range": Law(
-        name="range curve",
-        parameters={"height": Heights(0.0, -1.0, 1.0, "m", "change of the reading at each knot", scale=0.03)},
-        channels=("range",),
-        apply=lambda p, rays: misread(rays, _curve(p, rays)),
-    ),
-    "drop": Law(
-        name="drop curve",
-        parameters={"height": Heights(0.0, 0.0, 0.95, "", "share of echoes lost at each knot", scale=0.1)},
-        channels=("drop",),
-        apply=lambda p, rays: lose(rays, _curve(p, rays)),
-        starts=({"height": 0.03},),
-    ),
+    "intensity": _curve("intensity", "change of ln I at each knot", 0.15),
+    OFFSET: _curve(OFFSET, "addition to I at each knot", 0.02),
+    "range": _curve("range", "change of the reading at each knot", 0.03),
+    "drop": _curve("drop", "share of echoes lost at each knot", 0.1),
 }
 """A curve for each of the changes of laws, along the covariate whose basis the rays carry (`with_basis`)."""
 

@@ -58,8 +58,8 @@ class Gate:
     allowed: frozenset[str]
     """Effects that may be missing; `not_in_catalogue` for what has no name. Only what is named beside these is a
     gap."""
-    baseline: Mapping[str, Any] | None
-    """A verdict.json of before: what it names may be missing, and distances may be as large."""
+    baseline: Mapping[str, Any]
+    """A verdict.json of before: what it names may be missing, and distances may be as large. Empty where none is."""
     effect_nats: float = RULES.gate_effect_nats
     """What a named effect must gain on held-out scenes to be a gap, and what has no name on judge scenes beyond the
     named effects, nats each; of less the gate is unsure. Losses unpaired gain no nats and go by their p."""
@@ -140,9 +140,9 @@ def save_gate(path: Path, *, thresholds: Mapping[str, float] | None = None, base
     return write_text(path, json.dumps(content, indent=1) + "\n")
 
 
-def _baseline(path: Path, name: Any) -> Mapping[str, Any] | None:
+def _baseline(path: Path, name: Any) -> Mapping[str, Any]:
     if name is None:
-        return None
+        return {}
     if not isinstance(name, str):
         raise ValueError(f"gate: {path}: baseline is {name!r}; it must be the path of a verdict.json")
     # Beside the gate, so that a checkout can be anywhere.
@@ -168,9 +168,9 @@ def _is_verdict(effects: Any, gap: Any) -> bool:
 
 def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     """The checks of a whole answer."""
-    before = {one.get("name") for one in (gate.baseline or {}).get("effects", [])}
+    before = {one.get("name") for one in gate.baseline.get("effects", [])}
     checks = [_named(gate, verdict, before)]
-    if verdict.unrelated and not (gate.baseline or {}).get("unrelated"):
+    if verdict.unrelated and not gate.baseline.get("unrelated"):
         checks.append(Check("effects on intensity", "unsure", NOT_ASKED))
 
     def at_most(channel: str, most: float, *, name: str, told: str) -> Check:
@@ -181,7 +181,7 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
 
     for channel, most in gate.thresholds.items():
         checks.append(at_most(channel, most, name=channel, told=f"at most {most:g} may be"))
-    for channel, old in ((gate.baseline or {}).get("gap") or {}).items():
+    for channel, old in (gate.baseline.get("gap") or {}).items():
         # What was not compared before is null, and the closure has no distance.
         if isinstance(old, dict) and isinstance(old.get("before"), int | float):
             most, told = old["before"] * (1 + RULES.gate_worse_share), f"{old['before']:.4g} before"
@@ -198,7 +198,7 @@ def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
     # An effect stands on the others that are named: if one of them is certain, so is that something is missing.
     certain = any(_certain(one, gate.effect_nats) for one in new)
     # What had no name before is nothing new, either.
-    was_so = any((gate.baseline or {}).get(key) for key in LEFT) or (gate.baseline or {}).get("verdict") == NOT_NAMED
+    was_so = any(gate.baseline.get(key) for key in LEFT) or gate.baseline.get("verdict") == NOT_NAMED
     remains = verdict.verdict == NOT_NAMED or any(getattr(verdict, key) for key in LEFT)
     if remains and NOT_NAMED not in gate.allowed and not was_so:
         what = verdict.unexplained.covariate if verdict.unexplained else "its own coordinates"

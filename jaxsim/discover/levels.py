@@ -136,26 +136,18 @@ def _compared(name: str, unit: str, *, simulated: list[float], measured: list[fl
         # A lattice is one for all scenes, or none; where they disagree, there is none to speak of.
         lattice = [_only(side) for side in (ours, theirs)]
         lacking = lattice[1] if lattice[1] > RULES.coarser_step * lattice[0] else 0.0
-        sides = [Interval(v, v, v, unit) for v in (*lattice, lacking)]
+        sides = [Interval.exact(v, unit) for v in (*lattice, lacking)]
         return Level(name, simulated=sides[0], measured=sides[1], missing=sides[2], beyond_usual=False)
     power = power_of(name)
-    between = theirs**power - ours**power
-    low, high = mean_interval(between)
-    lacking = [max(v, 0.0) ** (1 / power) for v in (float(between.mean()), low, high)]
+    lacks = _root_of_mean(theirs**power - ours**power, power, unit)
     usual = USUAL.get(name, np.inf)
-    return Level(
-        name,
-        _mean(ours, power, unit),
-        _mean(theirs, power, unit),
-        Interval(*lacking, unit=unit),
-        beyond_usual=bool(lacking[1] > usual),
-    )
+    sides = [_root_of_mean(side**power, power, unit) for side in (ours, theirs)]
+    return Level(name, sides[0], sides[1], lacks, beyond_usual=bool(lacks.low > usual))
 
 
-def _mean(side: Float[np.ndarray, " s"], power: int, unit: str) -> Interval:
-    """Mean level; of noise, the root of the mean variance."""
-    ends = mean_interval(side**power)
-    return Interval(*[max(v, 0.0) ** (1 / power) for v in (float((side**power).mean()), *ends)], unit=unit)
+def _root_of_mean(powers: Float[np.ndarray, " s"], power: int, unit: str) -> Interval:
+    """Mean level of its powers in scenes; of noise, the root of the mean variance."""
+    return Interval(*[max(v, 0.0) ** (1 / power) for v in (float(powers.mean()), *mean_interval(powers))], unit=unit)
 
 
 def _only(steps: Float[np.ndarray, " s"]) -> float:

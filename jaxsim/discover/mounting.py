@@ -10,14 +10,13 @@ Held against 0, each scene gains sum over its frames of (|p_f|^2 - |p_f - m|^2) 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial.transform import Rotation
 
 from jaxsim.discover.division import NOTHING_YET
 from jaxsim.discover.model.cast import RayIndex, ray_index
@@ -26,7 +25,7 @@ from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.read.registration import LIFT, MOTION_PARTS, Registration
+from jaxsim.discover.read.registration import LIFT, MOTION_PARTS, EffectValues, Registration, as_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, p_value
 from jaxsim.discover.verdict import Interval, Named, Registered
@@ -57,8 +56,6 @@ BY_RANGES = (
     "simulated frames as seen from there"
 )
 """How the effects of a mounting are found, in words."""
-EffectValues = dict[str, dict[str, Float[np.ndarray, " k"]]]
-"""Values of effects' parameters: a number for every frame, or beam."""
 
 
 @dataclass(frozen=True)
@@ -103,11 +100,6 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     return Mounting(named, replace(cast_again, scan=moved, told=told, between_unknown=aside), rest)
 
 
-def place_alike(comparison: Comparison, mounting: Mounting, known: SensorModel = NOTHING_YET) -> Comparison:
-    """Further frames of the same recording, brought as those of `mounting` were; its registration is theirs."""
-    return place_mounting(comparison, mounting.effects, known).comparison
-
-
 def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, known: SensorModel) -> Mounting:
     """The mounting with the lift of its beams fitted to the likelihood of the null in which it is in place.
 
@@ -124,9 +116,7 @@ def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, kn
     return place_mounting(replace(comparison, registration=finer), mounting.effects, known)
 
 
-def seen_from(
-    scan: Scan, effects: Mapping[str, Mapping[str, Float[np.ndarray, " k"]]]
-) -> tuple[Scan, Bool[np.ndarray, "f r n"]]:
+def seen_from(scan: Scan, effects: EffectValues) -> tuple[Scan, Bool[np.ndarray, "f r n"]]:
     """The scan (host memory) as a sensor sees it on which these effects act, and the rays of which it tells anything:
     names and parameters of those of the catalogue that displace rays, each a number for every frame, or beam. What no
     simulated ray met stays unknown: beside edges the nearest surface goes on."""
@@ -161,17 +151,10 @@ def _met(scan: Scan, index: RayIndex, effects: dict[str, dict[str, Array]]) -> d
 
 
 def _of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> EffectValues:
-    """Frames' motions as parameters of the effects of PARTS."""
-    # A motion's numbers: 0 to 2 the shift, 3 to 5 the rotation vector, 6 the lift of beams, 7 the way driven.
-    yaw, pitch, roll = Rotation.from_rotvec(motion[:, 3:6]).as_euler("ZYX").T
-    x, y, z = motion[:, :3].T
+    """Frames' motions as parameters of the effects of MOTION_PARTS."""
     # Beams are of the sensor: they cannot differ from frame to frame.
-    lift = np.full(rows, np.median(motion[:, 6]))
-    return {
-        "extrinsic_rotation": {"roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw},
-        "extrinsic_translation": {"x_m": x, "y_m": y, "z_m": z},
-        "beam_elevation_error": {"error_rad": lift},
-    }
+    lift = np.full(rows, np.median(motion[:, LIFT]))
+    return {**as_effects(motion), "beam_elevation_error": {"error_rad": lift}}
 
 
 def _as_stated(name: str, known: SensorModel, scan: Scan) -> dict[str, Float[np.ndarray, " k"]]:
@@ -184,19 +167,11 @@ def _as_stated(name: str, known: SensorModel, scan: Scan) -> dict[str, Float[np.
 def parameters(registered: Registration, effect: str) -> dict[str, Interval]:
     """The parameters of an effect of a mounting, with intervals, within the catalogue's bounds; beams' is that of
     each."""
-    values = {
-        "extrinsic_rotation": registered.rotation,
-        "extrinsic_translation": registered.translation,
-        "beam_elevation_error": {"error_rad": float(registered.motion[6])},
-    }[effect]
-    of = EFFECTS[effect].parameters
-    halves = map(float, registered.half[MOTION_PARTS[effect]])
+    values = as_effects(registered.motion)[effect].items()
+    halves = registered.half[MOTION_PARTS[effect]].tolist()
     return {
-        name: Interval(
-            *(float(np.clip(v, of[name].low, of[name].high)) for v in (value, value - half, value + half)),
-            unit=of[name].unit,
-        )
-        for (name, value), half in zip(values.items(), halves, strict=True)
+        name: Interval.about(float(value), half, "").within(EFFECTS[effect].parameters[name])
+        for (name, value), half in zip(values, halves, strict=True)
     }
 
 
@@ -235,15 +210,8 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
         gain = clipped(on_find)
         values = parameters(registered, name)
         vectors = {key: (one,) * rows for key, one in values.items() if EFFECTS[name].parameters[key].shape == "row"}
-        one = Named(
-            name=name,
-            look_alikes=(),
-            tell_apart={},
-            channels=EFFECTS[name].channels,
-            p_value=p_value(gain),
-            gain=Interval.of_scenes(gain, "nats per scene"),
-            parameters={**values, **vectors},
-        )
+        nats = Interval.of_scenes(gain, "nats per scene")
+        one = Named.alone(name, p_value(gain), nats, parameters=values | vectors)
         # What every other name is asked: the signs of find scenes, the bar, and judge scenes.
         sure = one.p_value <= RULES.agreement_level and gain.sum() > RULES.bar_nats
         (confirmed if sure and mean_interval(on_judge)[0] > 0 else others).append(one)

@@ -8,7 +8,6 @@ are those of its rays that end within its own ranges. Rays that a simulator lost
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,16 +20,6 @@ TILE = (8, 32)
 """Rows and columns of a tile of the raster."""
 
 
-@dataclass(frozen=True)
-class Target:
-    """Points and mean intensities of one target in one frame."""
-
-    kind: str
-    points: tuple[int, int]
-    """Simulated and measured."""
-    intensity: tuple[float, float]
-
-
 def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
     """Errors of points and of mean intensity a target, by kind of target, those with most targets first; empty where
     the simulated frames have no classes.
@@ -40,32 +29,23 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
     """
     by_kind: dict[str, dict[str, list[tuple[float, float]]]] = {}
     for frame, scene in enumerate(comparison.scenes):
-        for target in targets(comparison, frame):
-            of_scene = by_kind.setdefault(target.kind, {}).setdefault(scene, [])
-            of_scene.append((_more(*target.points), _more(*target.intensity)))
+        for kind, off in targets(comparison, frame):
+            by_kind.setdefault(kind, {}).setdefault(scene, []).append(off)
     comparisons = []
     for kind, scenes in by_kind.items():
         if len(scenes) < RULES.fewest_for_scatter:
             continue
         count = sum(map(len, scenes.values()))
         off = [np.array(rows) for rows in scenes.values()]
-        points = [rows[:, 0] for rows in off]
-        intensity = [rows[:, 1] for rows in off]
-        comparisons.append(
-            Fidelity(
-                kind,
-                count,
-                points=mean_over_scenes([np.abs(rows) for rows in points], least=0.0),
-                points_more=mean_over_scenes(points),
-                intensity=mean_over_scenes([np.abs(rows) for rows in intensity], least=0.0),
-                intensity_more=mean_over_scenes(intensity),
-            )
-        )
+        points = _errors([rows[:, 0] for rows in off])
+        intensity = _errors([rows[:, 1] for rows in off])
+        comparisons.append(Fidelity(kind, count, *points, *intensity))
     return tuple(sorted(comparisons, key=lambda one: -one.targets))
 
 
-def targets(comparison: Comparison, frame: int) -> Iterator[Target]:
-    """The targets of one frame with enough points on a side, and at least one measured."""
+def targets(comparison: Comparison, frame: int) -> Iterator[tuple[str, tuple[float, float]]]:
+    """The kind of each target of one frame with enough points on a side, and at least one measured; and how many more
+    points it has in the simulation, and how much brighter it is, as shares of the measured."""
     scan, measured = comparison.scan, comparison.measured
     hit = np.asarray(scan.hit[frame])
     semantic, instance = np.asarray(scan.semantic[frame]), np.asarray(scan.instance[frame])
@@ -93,12 +73,17 @@ def targets(comparison: Comparison, frame: int) -> Iterator[Target]:
                 continue
             name = NAMES.get(kind, f"class {kind}")
             name = name if numbered[mask].any() else f"{name}, patches"
-            yield Target(name, points, (float(intensity[ours].mean()), float(sensed[theirs].mean())))
+            yield name, (_more(*points), _more(float(intensity[ours].mean()), float(sensed[theirs].mean())))
 
 
 def _more(simulated: float, measured: float) -> float:
     """As a share of the measured; NaN of nothing."""
     return simulated / measured - 1 if measured else float("nan")
+
+
+def _errors(off: list[np.ndarray]) -> tuple[Interval, Interval]:
+    """The mean absolute error and the mean signed one, of scenes' targets."""
+    return mean_over_scenes([np.abs(rows) for rows in off], least=0.0), mean_over_scenes(off)
 
 
 def mean_over_scenes(values: list[np.ndarray], *, least: float = -np.inf) -> Interval:

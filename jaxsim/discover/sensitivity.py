@@ -73,12 +73,6 @@ NEED = {
 
 
 HeldAndFree = tuple[Float[Array, " b"], Float[Array, " b"]]
-UNRELATED = (
-    "the two sides' intensities have no relation beyond chance: surfaces that the simulator has brighter are not "
-    "brighter measured (rank correlation {mean:+.2f} in the mean of {scenes} scenes, p {chance:.2g}). No effect on "
-    "intensities is named; check that both folders hold the same streets, and intensities on both sides"
-)
-"""What a verdict notes of it."""
 
 
 def sensitivities(problem: Problem, effects: Iterable[Effect]) -> tuple[Sensitivity, ...]:
@@ -93,14 +87,13 @@ def sensitivity(problem: Problem, effect: Effect) -> Sensitivity:
     needed, asked = needed_nats(effect, rows), []
     for values in _sizes(effect, rows):
         held, free = expected_gains(problem, effect, values)
-        asked.append((values, held, free, _times(free, needed)))
+        times = _times(free, needed)
+        asked.append((values, held, free, times))
         # Borders (a gate, a threshold) do nothing at half of a size: larger ones are asked until one could be seen.
-        if held.sum() > RULES.bar_nats or (asked[-1][-1] or np.inf) <= 1:
+        if held.sum() > RULES.bar_nats or (times or np.inf) <= 1:
             break
     else:
-        asked.sort(key=lambda one: -one[2].sum())
-        asked.append(asked[0])
-    values, held, free, times = asked[-1]
+        values, held, free, times = max(asked, key=lambda one: one[2].sum())
     testable = times is not None and times <= 1
     taken = max(1 - float(free.sum() / held.sum()), 0.0) if held.sum() > 0 else 0.0
     return Sensitivity(
@@ -136,13 +129,12 @@ def expected_gains(
     # The programs of naming, which are compiled already.
     effected = effect_with_gradient(effect, z, before, scan=problem.scan)
     after = replace(before, **effected.fields, **effected.constant)
-    by_block = _expected(problem.ev, before, after, noise=problem.noise, equations=problem.equations)
+    held, free = _expected(problem.ev, before, after, noise=problem.noise, equations=problem.equations)
     scene = np.asarray(problem.ev.scene)
 
     def by_scene(nats: Array) -> Float[np.ndarray, " s"]:
         return np.bincount(scene, np.asarray(nats, float), problem.ev.scenes)[np.unique(scene)]
 
-    held, free = by_block
     return by_scene(held), by_scene(free)
 
 
@@ -317,7 +309,12 @@ def unrelated(by_scene: Float[np.ndarray, " s"]) -> str | None:
     chance = p_value(finite)
     if chance <= RULES.agreement_level:
         return None
-    return UNRELATED.format(mean=finite.mean(), scenes=len(finite), chance=chance)
+    return (
+        "the two sides' intensities have no relation beyond chance: surfaces that the simulator has brighter are not "
+        f"brighter measured (rank correlation {finite.mean():+.2f} in the mean of {len(finite)} scenes, p {chance:.2g}"
+        "). No effect on intensities is named; check that both folders hold the same streets, and intensities on both "
+        "sides"
+    )
 
 
 def of_ranges(effect: Effect) -> bool:

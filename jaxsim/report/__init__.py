@@ -1,8 +1,8 @@
 """Pictures and tables, from plain results.
 
 results                              JSON, Markdown and scores as files
-pictures, boxes                      rasters, clouds and boxes as pixels
-canvas, charts, page, numbers        drawings, charts, the parts of a page, and how it writes numbers
+pictures                             rasters, frames and clouds as pixels
+canvas, charts, page                 drawings, charts, the parts of a page and its numbers
 scenes                               clouds that a page turns in 3D, and pages of them
 clouds                               simulated clouds beside measured ones, and those with what a detector found
 detection                            KITTI's scores of a detector

@@ -20,26 +20,10 @@ from jaxsim.effects.origin import Origin
 from jaxsim.effects.page import parameter_in_words
 from jaxsim.frame import Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
+from jaxsim.report import page
 from jaxsim.report.canvas import AFTER
 from jaxsim.report.charts import colour_limit, curve_chart, root_mean_square
-from jaxsim.report.numbers import number, percent, probability
-from jaxsim.report.page import (
-    EMPTY,
-    DrawChart,
-    bar_cell,
-    below,
-    code,
-    explorer,
-    file_name,
-    folded,
-    formula,
-    join_parts,
-    names,
-    paragraph,
-    section,
-    shows,
-    table,
-)
+from jaxsim.report.page import EMPTY, DrawChart, code, number, percent, probability
 from jaxsim.report.regimes import picks_of, title
 from jaxsim.report.scenes import Channel, Side, TurnedScene, packed
 from jaxsim.report.words import AXES, SIGN_WORDS, Axis, span, title_of
@@ -69,12 +53,12 @@ def where_it_stood(told: Registered | None) -> Markup:
     )
     if told.other_moments:
         words += " Frames of one name are of different moments: each was brought to its own place."
-    parts = [paragraph(words), table(["number", "meaning", "value", "90 % interval", "unit"], rows, text=2)]
+    parts = [words, page.table(["number", "meaning", "value", "90 % interval", "unit"], rows, text=2)]
     if told.speeds:
         drives = [[name, number(speed)] for name, speed in told.speeds.items()]
-        parts.append(paragraph("Speeds that the frames' own distortion tells, where none is given:"))
-        parts.append(table(["drive", "m/s"], drives, text=1))
-    return section("Where the sensor stood", join_parts(parts))
+        parts.append("Speeds that the frames' own distortion tells, where none is given:")
+        parts.append(page.table(["drive", "m/s"], drives, text=1))
+    return page.section("Where the sensor stood", *parts)
 
 
 def could_show(asked: Sequence[Sensitivity], named: Collection[str] = ()) -> Markup:
@@ -92,18 +76,20 @@ def could_show(asked: Sequence[Sensitivity], named: Collection[str] = ()) -> Mar
     else:
         words += "These scenes would show every one of them."
     rows = [[_name(one), one.why, one.record] for one in hidden]
-    parts = [paragraph(words)]
+    parts = [words]
     if rows:
-        parts.append(table(["effect", "why it cannot be told here", "what to record"], rows, text=3))
+        parts.append(page.table(["effect", "why it cannot be told here", "what to record"], rows, text=3))
     seen = [[_name(one), _from(one)] for one in asked if one.testable]
     if seen:
         heads = ["effect", "these scenes would show it from about"]
-        parts.append(folded(f"From which size the other {len(seen)} would be seen", table(heads, seen, text=2)))
-    return section("What these frames could show", join_parts(parts))
+        parts.append(
+            page.folded(f"From which size the other {len(seen)} would be seen", page.table(heads, seen, text=2))
+        )
+    return page.section("What these frames could show", *parts)
 
 
 def _name(one: Sensitivity) -> Markup:
-    return below(code(one.name), title_of(one.name))
+    return page.below(code(one.name), title_of(one.name))
 
 
 def _from(one: Sensitivity) -> str:
@@ -123,7 +109,7 @@ def learned(verdict: Verdict, draw: DrawChart) -> Markup:
     if not verdict.learned:
         return EMPTY
     parts = [_law(law, verdict, draw, mark=str(k) if k else "") for k, law in enumerate(verdict.learned)]
-    return section("What was learned and added", join_parts(parts) + (_formula(verdict.law) if verdict.law else EMPTY))
+    return page.section("What was learned and added", *parts, *([_formula(verdict.law)] if verdict.law else []))
 
 
 def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Markup:
@@ -140,7 +126,7 @@ def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Marku
         )
     name, *others = law.covariates
     if others or law.kind == "wave":
-        return paragraph(words)
+        return page.paragraph(words)
     axis = AXES.get(name, Axis(name))
     chart = curve_chart(
         axis.shown(np.array(law.knots).ravel()),
@@ -151,12 +137,12 @@ def _law(law: Learned, verdict: Verdict, draw: DrawChart, *, mark: str) -> Marku
         joined=law.kind != "table",
         whole=law.kind == "table",
     )
-    file = file_name("learned", law.channel, NAMED.get(name, name), *filter(None, [mark]))
+    file = page.file_name("learned", law.channel, NAMED.get(name, name), *filter(None, [mark]))
     caption = (
         f"The learned law of {law.channel} along {name}, with two standard deviations to either side (jackknife over "
         "groups of scenes)."
     )
-    return paragraph(words) + draw(file, chart, caption)
+    return page.paragraph(words) + draw(file, chart, caption)
 
 
 def _formula(law: ClosedLaw) -> Markup:
@@ -166,7 +152,7 @@ def _formula(law: ClosedLaw) -> Markup:
     )
     rows = [[code(name), number(one.value), span(one), one.unit] for name, one in law.parameters.items()]
     heads = ["parameter", "value", "90 % interval", "unit"]
-    return paragraph(words) + formula(law.formula) + table(heads, rows, text=1)
+    return page.paragraph(words) + page.formula(law.formula) + page.table(heads, rows, text=1)
 
 
 def own_effects(candidates: Sequence[OwnCandidate]) -> Markup:
@@ -178,28 +164,33 @@ def own_effects(candidates: Sequence[OwnCandidate]) -> Markup:
         "of the catalogue that, fitted to its expectation on these frames at a visible size, reproduces at least "
         f"{percent(RULES.alike_share)} of it; the bar shows how much."
     )
-    return section("Effects of your own", paragraph(words) + join_parts(map(_candidate, candidates)))
+    return page.section("Effects of your own", words, *map(_candidate, candidates))
 
 
 def _candidate(one: OwnCandidate) -> Markup:
     known = EFFECTS.get(one.name)
     title = known.title if known else ""
-    parts = [Markup("<h3>{} {}</h3>").format(code(one.name), title)]
-    parts.append(names(f"From {Origin(**one.origin)}"))
+    parts: list[str] = [Markup("<h3>{} {}</h3>").format(code(one.name), title)]
+    parts.append(page.names(f"From {Origin(**one.origin)}"))
     if known:
-        parts.append(formula(known.formula))
-        parts += [paragraph(f"{name}: {parameter_in_words(p)}") for name, p in known.parameters.items()]
+        parts.append(page.formula(known.formula))
+        parts += [f"{name}: {parameter_in_words(p)}" for name, p in known.parameters.items()]
     text = f"Not named: {one.why_not}." if one.why_not else "Named."
     gain = f"{number(one.gain)} nats per held-out scene (p {probability(one.p_value)})"
-    parts.append(paragraph(f"At the first step it gains {gain}. {text}"))
+    parts.append(f"At the first step it gains {gain}. {text}")
     if not one.look_alikes:
-        return join_parts([*parts, paragraph("Nothing of the catalogue looks like it on these frames.")])
+        return page.join_parts([*parts, "Nothing of the catalogue looks like it on these frames."])
     rows = [
-        [code(other.name), bar_cell(other.share, RULES.alike_share, strong=False), percent(other.share), other.apart]
+        [
+            code(other.name),
+            page.bar_cell(other.share, RULES.alike_share, strong=False),
+            percent(other.share),
+            other.apart,
+        ]
         for other in one.look_alikes
     ]
     heads = ["look-alike", "of its expectation reproduced, and the bar", "share", "what tells them apart"]
-    return join_parts([*parts, table(heads, rows, text=2, last_text=True)])
+    return page.join_parts([*parts, page.table(heads, rows, text=2, last_text=True)])
 
 
 def residual_clouds(result: Result) -> tuple[Markup, Markup]:
@@ -222,10 +213,9 @@ def residual_clouds(result: Result) -> tuple[Markup, Markup]:
         "simulation and measurement. Grey: not compared. A lost ray lies where it was simulated."
     )
     label = "Cloud of a judge frame in 3D, coloured by residual"
-    body = paragraph(words) + explorer(label, has_map=True) + _table(result)
-    return section("Residuals ray by ray", body, name="turn"), packed(
-        scenes, channels, rows=rows, columns=columns, groups=groups
-    )
+    viewer = page.explorer(label, has_map=True)
+    shown = packed(scenes, channels, rows=rows, columns=columns, groups=groups)
+    return page.section("Residuals ray by ray", words, viewer, _table(result), name="turn"), shown
 
 
 def _scene(frame: JudgeFrame, result: Result) -> TurnedScene:
@@ -256,7 +246,7 @@ def _table(result: Result) -> Markup:
         heads.append(sides.unit if sides.unit.startswith(name) else f"{name}, {sides.unit}")
     rows = []
     for k, frame in enumerate(result.frames):
-        row = [shows(title(frame), scene=k), str(len(frame.row))]
+        row = [page.shows(title(frame), scene=k), str(len(frame.row))]
         for name in SIGN_WORDS:
             sizes = [
                 number(root_mean_square(side[name]))
@@ -264,6 +254,6 @@ def _table(result: Result) -> Markup:
             ]
             row.append(" → ".join(sizes))
         rows.append(row)
-    return paragraph(
+    return page.paragraph(
         f"Root mean square residual of the rays that were compared{', before → after' if changed else ''}:"
-    ) + table(heads, rows, text=1)
+    ) + page.table(heads, rows, text=1)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -39,14 +38,6 @@ OF_PAGE = {
 FONT = "system-ui, 'Helvetica Neue', Arial, sans-serif"
 
 
-class ClickTarget(NamedTuple):
-    """What a part of a chart stands for: a click on it lights rays (viewer.js)."""
-
-    chart: str
-    """Name of what is picked: `row`, or of a curve."""
-    index: int
-
-
 @dataclass
 class Canvas:
     """Elements in the order they are drawn; lengths in pixels at 96 a inch, y down."""
@@ -57,8 +48,8 @@ class Canvas:
     rows: list[tuple[str, ...]] = field(default_factory=list)
     """What it shows as a table, its heads first, for who cannot see it; empty where the page says it already."""
 
-    def _add(self, element: str, *values: object, **named: object) -> None:
-        self.elements.append(Markup(element).format(*values, **named))
+    def _add(self, element: str, *values: object) -> None:
+        self.elements.append(Markup(element).format(*values))
 
     def line(self, points: object, *, colour: str = INK, width: Length = 1.0) -> None:
         self._add('<polyline points="{}" fill="none" stroke="{}" stroke-width="{:g}"/>', _path(points), colour, width)
@@ -96,12 +87,15 @@ class Canvas:
             *(x, y, width, height, Markup(' data-map="{}"').format(name) if name else "", data_uri(rgb)),
         )
 
-    def target(self, target: ClickTarget, words: str, *, x: Length, y: Length, width: Length, height: Length) -> None:
-        """A rectangle that answers to a click and to the keyboard; `words` say what it stands for."""
+    def target(
+        self, chart: str, index: int, words: str, *, x: Length, y: Length, width: Length, height: Length
+    ) -> None:
+        """A rectangle that answers to a click and to the keyboard, which lights the rays (viewer.js) of so numbered a
+        part of a `chart`: `row`, or the name of a curve. `words` say what it stands for."""
         self._add(
             '<rect class="target" fill="none" data-chart="{}" data-index="{}" aria-label="{}" '
             'x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{:.1f}"/>',
-            *(target.chart, target.index, words, x, y, width, height),
+            *(chart, index, words, x, y, width, height),
         )
 
     def svg(self, label: str) -> Markup:

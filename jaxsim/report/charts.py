@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid
-from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, ClickTarget, Length, Rgb
-from jaxsim.report.numbers import number
+from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, Length, Rgb
+from jaxsim.report.page import number
 
 Map = Float[np.ndarray, "r c"]
 _Line = Float[np.ndarray, " k"]
@@ -131,8 +131,15 @@ def _frame(canvas: Canvas, *, x: Length, y: Length, width: Length, height: Lengt
     canvas.line(corners, colour=FAINT, width=0.75)
 
 
-Coordinate = Callable[[Any], float]
+Coordinate = Callable[[Any], Any]
 """From values to pixels."""
+
+
+def scaled(values: tuple[float, float], pixels: tuple[Length, Length]) -> Coordinate:
+    """Where values lie of which the first and the last lie at these pixels."""
+    first, last = values
+    begin, end = pixels
+    return lambda value: begin + (value - first) / (last - first) * (end - begin)
 
 
 def x_axis(
@@ -167,19 +174,13 @@ def _axes(
     """Draws the axes of a chart that fills the canvas; returns where values lie on it."""
     left, right = 72, canvas.width - 14
     top, bottom = 14, canvas.height - 44
-    x_low, x_high = x if x[1] > x[0] else (x[0] - 1, x[1] + 1)
-    y_low, y_high = y if y[1] > y[0] else (y[0] - 1, y[1] + 1)
-
-    def across(value: Any) -> float:
-        return left + (value - x_low) / (x_high - x_low) * (right - left)
-
-    def up(value: Any) -> float:
-        return bottom - (value - y_low) / (y_high - y_low) * (bottom - top)
-
-    level_lines(canvas, up, ticks(y_low, y_high, 5), left=left, right=right)
-    if y_low < 0 < y_high:
+    x = x if x[1] > x[0] else (x[0] - 1, x[1] + 1)
+    y = y if y[1] > y[0] else (y[0] - 1, y[1] + 1)
+    across, up = scaled(x, (left, right)), scaled(y, (bottom, top))
+    level_lines(canvas, up, ticks(*y, 5), left=left, right=right)
+    if y[0] < 0 < y[1]:
         canvas.line([(left, up(0)), (right, up(0))], colour=FAINT)
-    x_axis(canvas, across, ticks(x_low, x_high, 7, whole=whole), left=left, right=right, bottom=bottom, words=x_label)
+    x_axis(canvas, across, ticks(*x, 7, whole=whole), left=left, right=right, bottom=bottom, words=x_label)
     canvas.text(16, (top + bottom) / 2, y_label, anchor="middle", size=12, turned=True)
     return across, up
 
@@ -267,9 +268,8 @@ def _targets(canvas: Canvas, x: _Line, across: Coordinate, *, name: str, words: 
         left, right = sorted((across(ends[k]), across(ends[k + 1])))
         # The first and the last strip, and those of narrow charts, stay wide enough to hit.
         left, right = left - (k == 0) * 6, right + (k == len(x) - 1) * 6
-        target = ClickTarget(name, k)
         label = words[k] if k < len(words) else words[0]
-        canvas.target(target, label, x=left, y=14, width=right - left, height=canvas.height - 58)
+        canvas.target(name, k, label, x=left, y=14, width=right - left, height=canvas.height - 58)
 
 
 def interval_chart(

@@ -10,7 +10,7 @@ from typing import Any
 from jaxsim.metrics.detection import DIFFICULTIES, OVERLAP_SETS, PRINTED_COLUMNS, Curve
 from jaxsim.metrics.detection.matching import SLOTS
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, Length, save_figure
-from jaxsim.report.results import list_facts, markdown_table, number_or_none, write_results
+from jaxsim.report.results import list_facts, markdown_table, write_results
 
 _NAMES = {"3d": "3D", "bev": "BEV", "bbox": "2D", "aos": "AOS"}
 _COLOURS = dict(zip(DIFFICULTIES, (AFTER, INK, BEFORE), strict=True))
@@ -104,8 +104,7 @@ def write_detection(
     content = about | {"curves": [_plain(curve) for curve in curves]}
     if mean is not None:
         averages = [
-            dict(zip(("metric", "overlap_set", "difficulty"), key, strict=True))
-            | {"ap_r40": number_or_none(value), "spread": number_or_none(spread)}
+            dict(zip(("metric", "overlap_set", "difficulty"), key, strict=True)) | {"ap_r40": value, "spread": spread}
             for key, (value, spread) in mean[1].items()
         ]
         content |= {"mean": {"of": mean[0], "averages": averages}}
@@ -120,7 +119,6 @@ def write_detection(
 
 
 def _plain(curve: Curve) -> dict[str, Any]:
-    averages = {name: number_or_none(getattr(curve, name)) for name in ("ap_r40", "ap_r11")}
     return {
         "class": curve.kind,
         "difficulty": curve.difficulty,
@@ -130,8 +128,9 @@ def _plain(curve: Curve) -> dict[str, Any]:
         "labels": curve.truths,
         "detections": curve.detections,
         "unit": "%",
-        **averages,
-        "precision": curve.precision.tolist(),
-        "recall": curve.recall.tolist(),
-        "threshold": curve.threshold.tolist(),
+        "ap_r40": curve.ap_r40,
+        "ap_r11": curve.ap_r11,
+        "precision": curve.precision,
+        "recall": curve.recall,
+        "threshold": curve.threshold,
     }

@@ -9,25 +9,13 @@ from markupsafe import Markup
 
 from jaxsim.discover.verdict import Nulls, Result, Verdict
 from jaxsim.files import write_text
+from jaxsim.report import page
 from jaxsim.report.accounts import could_show, learned, own_effects, residual_clouds, where_it_stood
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
-from jaxsim.report.charts import ticks, x_axis
+from jaxsim.report.charts import scaled, ticks, x_axis
 from jaxsim.report.evidence import contrast, curves, dependence_table, gap, levels, maps, moved, objects
 from jaxsim.report.named import named_effects, ranking_chart, repeats, unexplained
-from jaxsim.report.numbers import number
-from jaxsim.report.page import (
-    EMPTY,
-    DrawChart,
-    code,
-    figure,
-    folded,
-    join_parts,
-    names,
-    paragraph,
-    section,
-    table,
-    whole_page,
-)
+from jaxsim.report.page import EMPTY, DrawChart, code, number
 from jaxsim.report.regimes import regimes
 from jaxsim.report.words import verdict_sentence
 
@@ -45,7 +33,7 @@ def write_report(folder: Path, result: Result) -> Path:
     Figures that an earlier report of the folder drew and this one does not are removed.
     """
     folder = Path(folder)
-    page, charts, captions = report_page(result)
+    html, charts, captions = report_page(result)
     for old in (folder / "figures").glob("*.*"):
         # Of earlier versions, figures were PNG.
         stale = old.suffix == ".png" or (old.suffix == ".svg" and old.stem not in charts)
@@ -53,16 +41,16 @@ def write_report(folder: Path, result: Result) -> Path:
             old.unlink()
     for name, canvas in charts.items():
         save_figure(folder / "figures", name, canvas, words=captions[name])
-    return write_text(folder / "report.html", page)
+    return write_text(folder / "report.html", html)
 
 
 def write_answer(folder: Path, result: Result) -> Path:
     """Writes all that a discovery leaves: sensor.json, the report with its figures and, last, verdict.json. Gives the
     path of the page."""
     result.sensor.save(folder / "sensor.json")
-    page = write_report(folder, result)
+    written = write_report(folder, result)
     result.verdict.save(folder)
-    return page
+    return written
 
 
 def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]:
@@ -72,19 +60,19 @@ def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]
 
     def draw(name: str, canvas: Canvas | None, caption: str) -> Markup:
         if canvas is None:
-            return paragraph(f"{caption} Nothing to draw: no ray could be compared.")
+            return page.paragraph(f"{caption} Nothing to draw: no ray could be compared.")
         charts[name] = canvas
         captions[name] = caption
-        drawn = figure(canvas.svg(caption), caption, name=name)
+        drawn = page.figure(canvas, caption, name=name)
         if not canvas.rows:
             return drawn
         heads, *rows = canvas.rows
-        return drawn + folded("as a table", table(heads, rows, text=0))
+        return drawn + page.folded("as a table", page.table(heads, rows, text=0))
 
     verdict, grid = result.verdict, result.grid
     turning, scenes = residual_clouds(result)
     outside = verdict.verdict == "not_in_catalogue"
-    page = whole_page(
+    html = page.whole_page(
         title=f"jaxsim discover: {verdict.verdict.replace('_', ' ')}",
         sentence=verdict_sentence(verdict),
         facts=[
@@ -119,16 +107,16 @@ def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]
         ],
         scenes=scenes,
     )
-    return page, charts, captions
+    return html, charts, captions
 
 
 def _scenes(verdict: Verdict) -> Markup:
-    parts = [paragraph(f"Note: {note}.") for note in verdict.notes]
+    parts = [f"Note: {note}." for note in verdict.notes]
     for word, scenes in (("To find and fit", verdict.find), ("To judge", verdict.judge)):
-        parts.append(names(Markup("<b>{} ({}):</b> {}").format(word, len(scenes), ", ".join(scenes))))
+        parts.append(page.names(Markup("<b>{} ({}):</b> {}").format(word, len(scenes), ", ".join(scenes))))
     taken = "SHA-256 of this division, taken before anything was fitted"
-    parts.append(names(Markup("{}: {}").format(taken, code(verdict.sha256))))
-    return section("Scenes", join_parts(parts))
+    parts.append(page.names(Markup("{}: {}").format(taken, code(verdict.sha256))))
+    return page.section("Scenes", *parts)
 
 
 def _chance(verdict: Verdict, draw: DrawChart) -> Markup:
@@ -148,9 +136,7 @@ def _chance(verdict: Verdict, draw: DrawChart) -> Markup:
         f"Gains that pass every test but the bar, nats a scene. Below: of the strongest effect on each of {count} "
         "nulls; above: of the candidates on the measurement, filled if named. The line is the bar."
     )
-    return section(
-        "What chance gives on these data", paragraph(words) + draw("chance", _null_strip(nulls, verdict), caption)
-    )
+    return page.section("What chance gives on these data", words, draw("chance", _null_strip(nulls, verdict), caption))
 
 
 def _null_strip(nulls: Nulls, verdict: Verdict) -> Canvas:
@@ -162,10 +148,7 @@ def _null_strip(nulls: Nulls, verdict: Verdict) -> Canvas:
     )
     reach = 1.05 * max([1.5 * nulls.bar, *(gain for _, _, dots in rows for gain, _ in dots)])
     canvas = Canvas(720, 158)
-
-    def across(gain: float) -> float:
-        return LEFT + gain / reach * (RIGHT - LEFT)
-
+    across = scaled((0, reach), (LEFT, RIGHT))
     words = "gain, nats a scene"
     x_axis(canvas, across, ticks(0, reach, 6), left=LEFT, right=RIGHT, bottom=BOTTOM, words=words)
     canvas.line([(across(nulls.bar), 12), (across(nulls.bar), BOTTOM)], colour=BEFORE, width=1.5)

@@ -9,11 +9,12 @@ from markupsafe import Markup
 
 from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import Contrast, CurveLine, Fidelity, Gained, Gap, Interval, Level, Result, Verdict, Where
+from jaxsim.discover.verdict import CurveLine, Result, Verdict
+from jaxsim.discover.verdict.parts import Contrast, Fidelity, Gained, Gap, Interval, Level, Where
+from jaxsim.report import page
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, draw_maps, root_mean_square
-from jaxsim.report.numbers import number, percent, probability
-from jaxsim.report.page import EMPTY, DrawChart, below, file_name, join_parts, key, paragraph, section, shows, table
+from jaxsim.report.page import EMPTY, DrawChart, number, percent, probability
 from jaxsim.report.words import AXES, SIGN_WORDS, Axis, nuisance, nuisance_title, span
 
 NO_CHANGE = 0.005
@@ -25,10 +26,10 @@ def dependence_table(places: Sequence[Where]) -> Markup:
     title = "Where simulation and measurement disagree"
     if not places:
         text = "No dependence of the residuals on any covariate was found, once the nuisances are fitted."
-        return section(title, paragraph(text))
+        return page.section(title, text)
     rows = [
         [
-            shows(p.channel, channel=p.channel, figures=[_curve(p.channel, p.covariate)]),
+            page.shows(p.channel, channel=p.channel, figures=[_curve(p.channel, p.covariate)]),
             p.covariate,
             probability(p.p_value),
             _share(p.share),
@@ -41,17 +42,17 @@ def dependence_table(places: Sequence[Where]) -> Markup:
         "p: that the strongest of all covariates, or pairs, of all channels agrees so well by chance. "
         "Share: of the residual variance on held-out scenes."
     )
-    return section(title, paragraph(words) + table(["channel", "covariate", "p", "share"], rows, text=2))
+    return page.section(title, words, page.table(["channel", "covariate", "p", "share"], rows, text=2))
 
 
 def of_channel(channel: str, words: str) -> Markup:
     """Words by which the viewer colours rays by a channel, and marks its map."""
-    return shows(words, channel=channel, figures=[f"map_{file_name(channel)}"])
+    return page.shows(words, channel=channel, figures=[f"map_{page.file_name(channel)}"])
 
 
 def _curve(channel: str, covariate: str, *, spread: bool = False) -> str:
     """Name of a curve's figure."""
-    return file_name("curve", channel, covariate, *(["spread"] if spread else []))
+    return page.file_name("curve", channel, covariate, *(["spread"] if spread else []))
 
 
 def _share(share: float) -> str:
@@ -69,17 +70,17 @@ def maps(result: Result, draw: DrawChart) -> Markup:
         sizes = " → ".join(number(root_mean_square(values)) for _, values in shown)
         parts.append(
             draw(
-                f"map_{file_name(channel)}",
+                f"map_{page.file_name(channel)}",
                 draw_maps(shown, result.grid, unit=sides.unit, name=channel),
                 f"{channel.capitalize()}. Red: {sides.positive}; blue: {sides.negative}; grey: nothing compared. "
                 f"Root mean square over cells: {sizes}.",
             )
         )
-    explain = paragraph(
+    explain = (
         "Mean residual of each cell over the judge scenes, measured minus simulated. Colours end at the "
         f"{SHARE_SHOWN}th percentile of its size, or at its root mean square if that is larger."
     )
-    return section("Residual maps on judge scenes", explain + join_parts(parts)) if parts else EMPTY
+    return page.section("Residual maps on judge scenes", explain, *parts) if parts else EMPTY
 
 
 def curves(lines: Iterable[CurveLine], draw: DrawChart) -> Markup:
@@ -102,14 +103,14 @@ def curves(lines: Iterable[CurveLine], draw: DrawChart) -> Markup:
         parts.append(draw(_curve(curve.channel, curve.covariate, spread=curve.spread), chart, caption))
     if not parts:
         return EMPTY
-    legend = key(
+    legend = page.key(
         [("before, with its 90 % band from the scatter between scenes", "before", True), ("after", "after", False)]
     )
-    intro = paragraph(
+    intro = (
         "Mean residual on judge scenes along the covariates by which the effect betrays itself; of an effect that "
         "makes readings scatter, also their spread over the one that each ray is expected to have."
     )
-    return section("Along the effect's own covariates", intro + legend + join_parts(parts))
+    return page.section("Along the effect's own covariates", intro, legend, *parts)
 
 
 LEVEL_TITLES = {
@@ -137,7 +138,7 @@ def levels(compared: Sequence[Level]) -> Markup:
         "discovery: what is missing goes into sensor.json as levels, which simulations draw. A sensor's intensity "
         "noise holds texture finer than its rays."
     )
-    return section("Levels", paragraph(words) + table(["level", "simulated", "measured", "missing", ""], rows, text=1))
+    return page.section("Levels", words, page.table(["level", "simulated", "measured", "missing", ""], rows, text=1))
 
 
 SCALE_TITLES = {
@@ -163,7 +164,7 @@ def contrast(told: Contrast | None) -> Markup:
         "classes, and no curve along intensities or colours was asked."
     )
     head = ["differences between", "measured over simulated", "90 % interval"]
-    return section("The simulator's contrast", paragraph(words) + table(head, rows, text=1))
+    return page.section("The simulator's contrast", words, page.table(head, rows, text=1))
 
 
 def objects(kinds: Sequence[Fidelity]) -> Markup:
@@ -180,14 +181,14 @@ def objects(kinds: Sequence[Fidelity]) -> Markup:
         "over scenes with 90 % intervals."
     )
     head = ["target", "seen", "points, error", "points, signed", "intensity, error", "intensity, signed"]
-    return section("Targets", paragraph(words) + table(head, rows, text=1))
+    return page.section("Targets", words, page.table(head, rows, text=1))
 
 
 def _error(one: Interval) -> str:
     if not np.isfinite(one.value):
         return "-"
     value, interval = f"{one.value:.1f} %", f"{one.low:.1f} to {one.high:.1f}"
-    return below(value.replace("-", "−"), interval.replace("-", "−"))
+    return page.below(value.replace("-", "−"), interval.replace("-", "−"))
 
 
 def _level(side: Interval, factor: float, unit: str) -> str:
@@ -196,7 +197,7 @@ def _level(side: Interval, factor: float, unit: str) -> str:
     value = f"{number(factor * side.value)} {unit}".strip()
     if side.low == side.high:
         return value
-    return below(value, f"{number(factor * side.low)} to {number(factor * side.high)}")
+    return page.below(value, f"{number(factor * side.low)} to {number(factor * side.high)}")
 
 
 def gap(verdict: Verdict) -> Markup:
@@ -206,7 +207,7 @@ def gap(verdict: Verdict) -> Markup:
     added, rival = verdict.changed, _has_rival(verdict)
     rows = [
         [
-            below(of_channel(name, name), g.unit),
+            page.below(of_channel(name, name), g.unit),
             number(g.before),
             *([number(g.after), _change(g), percent(g.win_rate)] if added else []),
             number(g.floor),
@@ -227,7 +228,7 @@ def gap(verdict: Verdict) -> Markup:
             " Intervals: Student's t over scenes, each held against itself. Not worse: at 95 %, the error grew by "
             f"less than {percent(RULES.not_worse_share)}."
         )
-    return section("The gap on judge scenes", paragraph(words) + table(head, rows, text=1) + _gained(verdict))
+    return page.section("The gap on judge scenes", words, page.table(head, rows, text=1), _gained(verdict))
 
 
 def _has_rival(verdict: Verdict) -> bool:
@@ -246,7 +247,7 @@ def _gained(verdict: Verdict) -> Markup:
         [
             name,
             number(g.value),
-            below(f"{number(g.low)} to {number(g.high)}", _gain(g, bar)),
+            page.below(f"{number(g.low)} to {number(g.high)}", _gain(g, bar)),
             percent(g.win_rate),
             number(g.floor),
             *([number(g.placebo)] if rival else []),
@@ -259,14 +260,14 @@ def _gained(verdict: Verdict) -> Markup:
         "readings, which a mean error does not see."
     )
     head = ["channel", "gained", "90 %", "scenes better", "floor", *(["placebo"] if rival else [])]
-    told = paragraph(words) + table(head, rows, text=1)
+    parts = [words, page.table(head, rows, text=1)]
     if verdict.closure:
         c = verdict.closure
-        told += paragraph(
+        parts.append(
             f"Closure, gained / gained by the floor over the channels that what was found changes: "
             f"{percent(c.value)} (90 % interval {percent(c.low)} to {percent(c.high)})."
         )
-    return told
+    return page.join_parts(parts)
 
 
 def _gain(gained: Gained, bar: float) -> str:
@@ -283,7 +284,7 @@ def _change(gap: Gap) -> str:
     small = max(abs(gap.low), abs(gap.high)) < NO_CHANGE * gap.before
     unclear = "not worse" if gap.not_worse else "may be worse"
     word = "unchanged" if small else "shrank" if gap.low > 0 else "grew" if gap.high < 0 else unclear
-    return below(f"{number(gap.low)} to {number(gap.high)}", word)
+    return page.below(f"{number(gap.low)} to {number(gap.high)}", word)
 
 
 def moved(verdict: Verdict) -> Markup:
@@ -299,6 +300,5 @@ def moved(verdict: Verdict) -> Markup:
         "reflectance over the simulator's, fitted without the effects and again with them; of several effects also "
         "their parameters, as fitted when each was added and with the others in place."
     )
-    return section(
-        "What moved when the effects were added", paragraph(words) + table(["", "before", "after"], rows, text=1)
-    )
+    told = page.table(["", "before", "after"], rows, text=1)
+    return page.section("What moved when the effects were added", words, told)

@@ -10,22 +10,10 @@ from markupsafe import Markup
 from jaxsim.discover.covariates import ALTERNATING, CATEGORICAL
 from jaxsim.discover.verdict import Interval, Named, Rank, Repeat, Unexplained
 from jaxsim.effects import EFFECTS, Effect, Parameter
+from jaxsim.report import page
 from jaxsim.report.canvas import BEFORE
 from jaxsim.report.charts import curve_chart, interval_chart
-from jaxsim.report.numbers import number, probability
-from jaxsim.report.page import (
-    EMPTY,
-    DrawChart,
-    bar_cell,
-    code,
-    file_name,
-    formula,
-    join_parts,
-    paragraph,
-    section,
-    shows,
-    table,
-)
+from jaxsim.report.page import EMPTY, DrawChart, code, number, probability
 from jaxsim.report.words import AXES, SIGN_WORDS, Axis, dependence, span, title_of
 
 
@@ -34,25 +22,25 @@ def named_effects(effects: Sequence[Named], draw: DrawChart, *, shown: Sequence[
     curves that the page has."""
     if not effects:
         return EMPTY
-    return section("What the simulation lacks", join_parts(_effect(effect, draw, shown) for effect in effects))
+    return page.section("What the simulation lacks", *(_effect(effect, draw, shown) for effect in effects))
 
 
 def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> Markup:
     """An effect: what it is, how sure it is, its parameters, and what it could be taken for."""
-    parts = [Markup("<h3>{} {}</h3>").format(code(named.name), title_of(named.name))]
+    parts: list[str] = [Markup("<h3>{} {}</h3>").format(code(named.name), title_of(named.name))]
     known = EFFECTS.get(named.name)
     if known:
-        parts.append(formula(known.formula))
+        parts.append(page.formula(known.formula))
     places = _evidence(named, known, shown)
     figures = [figure for _, figure in places]
-    changes = Markup(", ").join(shows(channel, channel=channel, figures=figures) for channel in named.channels)
+    changes = Markup(", ").join(page.shows(channel, channel=channel, figures=figures) for channel in named.channels)
     p = probability(named.p_value)
     gains = (
         f"On held-out scenes it gains {number(named.gain.value)} {named.gain.unit} (90 % interval {span(named.gain)}; "
         f"p {p if p.startswith('<') else f'= {p}'}, sign flips over scenes)."
     )
-    parts.append(paragraph(Markup("Changes {}. {}").format(changes, gains)))
-    parts += [paragraph(_does(channel, change)) for channel, change in named.does.items()]
+    parts.append(page.paragraph(Markup("Changes {}. {}").format(changes, gains)))
+    parts += [_does(channel, change) for channel, change in named.does.items()]
     rows, charts = [], []
     links = Markup(", ").join(Markup('<a href="#{}">{}</a>').format(name, words) for words, name in places)
     parts.append(Markup('<p class="links">Its evidence: {}.</p>').format(links))
@@ -64,13 +52,15 @@ def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> 
         else:
             charts.append(_vector(named.name, name, of, values=value, draw=draw))
     if rows:
-        parts.append(table(["parameter", "meaning", "value", "90 % interval", "unit", "does nothing at"], rows, text=2))
+        parts.append(
+            page.table(["parameter", "meaning", "value", "90 % interval", "unit", "does nothing at"], rows, text=2)
+        )
     parts += charts
     for other in named.look_alikes:
         apart = named.tell_apart.get(other) or "no measurement is known"
         words = Markup('<p class="alike"><b>Could also be {}.</b> To tell them apart: {}.</p>')
         parts.append(words.format(code(other), apart))
-    return join_parts(parts)
+    return page.join_parts(parts)
 
 
 def _does(channel: str, change: Interval) -> str:
@@ -90,13 +80,13 @@ def _evidence(named: Named, known: Effect | None, shown: Sequence[tuple[str, str
     """Words and names of the figures that show what the effect does: its curves, its maps, its parameters."""
     covariates = known.covariates if known else ()
     places = [
-        (f"{channel} along {covariate}", file_name("curve", channel, covariate))
+        (f"{channel} along {covariate}", page.file_name("curve", channel, covariate))
         for channel, covariate in shown
         if channel in named.channels and covariate in covariates
     ]
-    places += [(f"map of {channel}", file_name("map", channel)) for channel in named.channels]
+    places += [(f"map of {channel}", page.file_name("map", channel)) for channel in named.channels]
     return places + [
-        (f"parameter {name}", file_name("parameter", named.name, name))
+        (f"parameter {name}", page.file_name("parameter", named.name, name))
         for name, value in named.parameters.items()
         if not isinstance(value, Interval)
     ]
@@ -116,7 +106,7 @@ def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence
         name="row" if what == "beam" else "",
     )
     return draw(
-        file_name("parameter", effect, name),
+        page.file_name("parameter", effect, name),
         chart,
         f"{name}: one value a {what} with its 90 % interval; {sure} of {len(values)} intervals leave out "
         f"{number(neutral)}, at which it does nothing.",
@@ -132,7 +122,7 @@ def ranking_chart(ranks: Sequence[Rank], effects: Sequence[Named]) -> Markup:
     rows = [
         [
             Markup("<b>{}</b>").format(code(r.name)) if r.name in named else code(r.name),
-            bar_cell(r.gain / reach, r.bar / reach, strong=r.name in named),
+            page.bar_cell(r.gain / reach, r.bar / reach, strong=r.name in named),
             number(r.gain),
             probability(r.p_value),
             r.why_not or "named",
@@ -146,11 +136,11 @@ def ranking_chart(ranks: Sequence[Rank], effects: Sequence[Named]) -> Markup:
     heads = ["effect", "gain, and the bar", "nats", "p", "why not"]
     alike = {other for effect in effects for other in effect.look_alikes}
     others = [r for r in ranks if r.name not in named | alike]
-    loser = EMPTY
+    loser = []
     if effects and others:
         why = others[0].why_not or "no reason was recorded"
-        loser = paragraph(f"Runner-up, look-alikes left out: {others[0].name}. Why it lost: {why}.")
-    return section("Why this answer", paragraph(words) + table(heads, rows, text=2, last_text=True) + loser)
+        loser = [f"Runner-up, look-alikes left out: {others[0].name}. Why it lost: {why}."]
+    return page.section("Why this answer", words, page.table(heads, rows, text=2, last_text=True), *loser)
 
 
 def repeats(patterns: Sequence[Repeat]) -> Markup:
@@ -178,7 +168,7 @@ def repeats(patterns: Sequence[Repeat]) -> Markup:
         "chance on this one. Period: columns, or rows for what runs along rows alone."
     )
     heads = ["channel", "where", "pattern", "period", "size", "90 % interval", "unit", "p", "p, judge scenes"]
-    return section("What repeats in every scene", paragraph(words) + table(heads, rows, text=3))
+    return page.section("What repeats in every scene", words, page.table(heads, rows, text=3))
 
 
 def unexplained(one: Unexplained | None, draw: DrawChart, *, missing: bool = False) -> Markup:
@@ -186,14 +176,14 @@ def unexplained(one: Unexplained | None, draw: DrawChart, *, missing: bool = Fal
     title = "What the simulation lacks" if missing else "What stays unexplained"
     if one is None:
         none = "No further dependence was found: free curves along the covariates that matter most gain too little."
-        return section(title, paragraph(none))
+        return page.section(title, none)
     along = one.along or one.covariate
     axis = AXES.get(along, Axis(along))
     meaning = f"; x is {axis.x or axis.label}"
-    words = paragraph(f"A {dependence(one)} that no effect of the catalogue accounts for.")
-    words += Markup("<p>{}{}</p>").format(code(one.formula), meaning)
+    words = f"A {dependence(one)} that no effect of the catalogue accounts for."
+    formula = page.paragraph(code(one.formula) + meaning)
     if not one.x:
-        return section(title, words)
+        return page.section(title, words, formula)
     x, y = axis.shown(np.array(one.x, float)), np.array(one.y, float)
     band = np.array(one.band or (0.0,) * len(one.y), float)
     unit = SIGN_WORDS[one.channel].unit if one.channel in SIGN_WORDS and not one.adds else one.channel
@@ -206,6 +196,6 @@ def unexplained(one: Unexplained | None, draw: DrawChart, *, missing: bool = Fal
         joined=along not in ("class", *ALTERNATING),
         whole=along in CATEGORICAL,
     )
-    name = file_name("unexplained", one.channel, one.covariate)
+    name = page.file_name("unexplained", one.channel, one.covariate)
     caption = f"A free curve of {one.channel} along {along}, with its 90 % band."
-    return section(title, words + draw(name, chart, caption))
+    return page.section(title, words, formula, draw(name, chart, caption))

@@ -13,7 +13,7 @@ from jaxsim.cloud import points_of
 from jaxsim.discover.verdict import Result
 from jaxsim.frame import Cloud, PolarImage
 from jaxsim.report.discovery import report_page
-from jaxsim.report.page import EMPTY, figure, image, paragraph, whole_page
+from jaxsim.report.page import figure, paragraph, whole_page
 from jaxsim.report.pictures import depth_panel, intensity_panel, strip
 from jaxsim.report.scenes import TurnedScene, side_of, turning
 from jaxsim.report.words import verdict_sentence
@@ -59,7 +59,7 @@ def _(value: PolarImage) -> str:
     ]
     rows, columns = valid.shape
     text = f"{rows} rows x {columns} columns, {valid.sum()} returns{words}"
-    return figure(image(strip(panels, width=max(columns, 744)), text), text)
+    return figure(strip(panels, width=max(columns, 744)), text)
 
 
 def _first(value: Any, batch_dims: int) -> tuple[Any, str]:
@@ -73,4 +73,4 @@ def _first(value: Any, batch_dims: int) -> tuple[Any, str]:
 def _framed(page: str) -> Markup:
     """A page in a frame, so that its style and its script are not the notebook's."""
     frame = '<iframe srcdoc="{}" style="width:100%;height:{}rem;border:0" sandbox="allow-scripts"></iframe>'
-    return Markup(frame).format(page, HEIGHT_REM) if page else EMPTY
+    return Markup(frame).format(page, HEIGHT_REM)

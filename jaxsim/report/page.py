@@ -1,10 +1,11 @@
-"""The parts of a self-contained HTML page, by jinja2 templates that escape whatever is no Markup.
+"""The parts of a self-contained HTML page, by jinja2 templates that escape whatever is no Markup; and its numbers.
 
 Parts are Markup; joining them to plain text, or formatting text into them, escapes the text.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
@@ -20,6 +21,8 @@ from jaxsim.report.pictures import Rgb
 DrawChart = Callable[[str, Canvas | None, str], Markup]
 """Keeps a chart under a name and gives its HTML with a caption; nothing but the words for a chart without values."""
 EMPTY = Markup()
+Real = float | int
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @cache
@@ -58,13 +61,13 @@ def whole_page(
 
 
 def join_parts(parts: Iterable[str]) -> Markup:
-    """Parts one after the other; those that are no Markup are escaped."""
-    return EMPTY.join(parts)
+    """Parts one after the other; text that is no Markup is a paragraph."""
+    return EMPTY.join(part if isinstance(part, Markup) else paragraph(part) for part in parts)
 
 
-def section(title: str, body: str, *, name: str = "") -> Markup:
-    """A headed part of the page; `name` is where links lead."""
-    return _part("section", title, body, name)
+def section(title: str, *parts: str, name: str = "") -> Markup:
+    """A headed part of the page, its own parts joined; `name` is where links lead."""
+    return _part("section", title, join_parts(parts), name)
 
 
 def paragraph(text: str) -> Markup:
@@ -96,21 +99,18 @@ def below(text: str, small: str) -> Markup:
     return Markup("{}<br><small>{}</small>").format(text, small)
 
 
-def figure(drawing: str, words: str, *, name: str = "") -> Markup:
-    """A drawing above its words."""
-    return _part("figure", drawing, words, name)
+def figure(drawn: Canvas | Rgb, words: str, *, label: str = "", name: str = "") -> Markup:
+    """A drawing, or pixels as wide as the page, above its words; `label` is for who cannot see it, else these are."""
+    label = label or words
+    if isinstance(drawn, Canvas):
+        return _part("figure", drawn.svg(label), words, name)
+    pixels = Markup('<img src="{}" style="width:100%" alt="{}">').format(data_uri(drawn), label)
+    return _part("figure", pixels, words, name)
 
 
 def folded(title: str, body: str) -> Markup:
     """What is shown on demand."""
     return _part("folded", title, body)
-
-
-def image(drawn: Canvas | Rgb, words: str) -> Markup:
-    """A drawing, or pixels, inside the page, as wide as it; `words` are for who cannot see it."""
-    if isinstance(drawn, Canvas):
-        return drawn.svg(words)
-    return Markup('<img src="{}" style="width:100%" alt="{}">').format(data_uri(drawn), words)
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, text: int, last_text: bool = False) -> Markup:
@@ -141,3 +141,27 @@ def explorer(words: str, *, has_map: bool) -> Markup:
 def file_name(*parts: str) -> str:
     """Parts as a name that every file system takes."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", "_".join(parts))
+
+
+def number(value: Real | None) -> str:
+    """Three significant digits with a true minus sign, and a power of ten where it is tiny or huge; a dash where there
+    is no value."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value == 0 or 1e-4 <= abs(value) < 1e5:
+        places = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+        text = f"{value:.{places}f}"
+    else:
+        digits, power = f"{value:.2e}".split("e")
+        text = f"{digits}·10{str(int(power)).translate(RAISED)}"
+    return text.replace("-", "−")
+
+
+def probability(p: Real) -> str:
+    if not math.isfinite(p):
+        return "–"
+    return "< 0.0001" if p < 1e-4 else f"{p:.2g}"
+
+
+def percent(value: Real) -> str:
+    return f"{100 * value:.0f} %".replace("-", "−") if math.isfinite(value) else "–"

@@ -12,10 +12,10 @@ from jaxtyping import Int
 from markupsafe import Markup
 
 from jaxsim.discover.verdict import JudgeFrame, Regime
-from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, ClickTarget
-from jaxsim.report.charts import Coordinate, label, ticks, x_axis
-from jaxsim.report.numbers import number, percent, probability
-from jaxsim.report.page import EMPTY, DrawChart, below, code, file_name, join_parts, key, paragraph, section, table
+from jaxsim.report import page
+from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas
+from jaxsim.report.charts import Coordinate, label, scaled, ticks, x_axis
+from jaxsim.report.page import EMPTY, DrawChart, code, number, percent, probability
 from jaxsim.report.words import part_of, span
 
 LEFT = 72
@@ -38,8 +38,8 @@ def regimes(acting: Sequence[Regime], draw: DrawChart, *, frames: Sequence[Judge
             code(one.effect),
             part_of(one),
             percent(one.share),
-            below(number(one.inside.value), span(one.inside)),
-            below(number(one.outside.value), span(one.outside)),
+            page.below(number(one.inside.value), span(one.inside)),
+            page.below(number(one.outside.value), span(one.outside)),
             probability(one.p_value),
             probability(one.q_value),
             number(one.judge_nats),
@@ -54,10 +54,10 @@ def regimes(acting: Sequence[Regime], draw: DrawChart, *, frames: Sequence[Judge
         "asked. Judge scenes: nats that they gain over the same effect everywhere."
     )
     heads = ["effect", "acts", "share", "inside", "outside", "p", "q", "judge scenes", "in simulations"]
-    legend = key([("inside", "after", False), ("outside", "before", True)])
-    strips = join_parts(_strip(one, draw, ordinal=k, frames=frames) for k, one in enumerate(acting))
-    body = paragraph(words) + table(heads, rows, text=2, last_text=True) + legend + strips
-    return section("Where and when it acts", body)
+    legend = page.key([("inside", "after", False), ("outside", "before", True)])
+    strips = [_strip(one, draw, ordinal=k, frames=frames) for k, one in enumerate(acting)]
+    told = page.table(heads, rows, text=2, last_text=True)
+    return page.section("Where and when it acts", words, told, legend, *strips)
 
 
 def _strip(one: Regime, draw: DrawChart, *, ordinal: int, frames: Sequence[JudgeFrame]) -> Markup:
@@ -70,7 +70,7 @@ def _strip(one: Regime, draw: DrawChart, *, ordinal: int, frames: Sequence[Judge
         caption += " A click on a sector lights its rays."
     elif frames and _timed(one):
         caption += " Marks above: the judge frames of this page; a click on a moment shows the one that is nearest."
-    return draw(file_name("regime", one.effect), strip_chart(one, ordinal=ordinal, frames=frames), caption)
+    return draw(page.file_name("regime", one.effect), strip_chart(one, ordinal=ordinal, frames=frames), caption)
 
 
 def picks_of(acting: Sequence[Regime], frame: JudgeFrame, *, columns: int) -> Mapping[str, Int[np.ndarray, " n"]]:
@@ -110,15 +110,9 @@ def strip_chart(one: Regime, *, ordinal: int = 0, frames: Sequence[JudgeFrame] =
     first, last = min(ends) - room, max(ends) + room
     low, high = min(-0.5, float(size[known].min()) - 0.1), max(1.5, float(size[known].max()) + 0.1)
     canvas = Canvas(720, 194)
-
-    def across(value: float) -> float:
-        share = (value - first) / (last - first)
-        # Azimuth is shown as the image has it: left is left.
-        return LEFT + (1 - share if around else share) * (RIGHT - LEFT)
-
-    def up(value: float) -> float:
-        return BOTTOM - (value - low) / (high - low) * (BOTTOM - TOP)
-
+    # Azimuth is shown as the image has it: left is left.
+    across = scaled((last, first) if around else (first, last), (LEFT, RIGHT))
+    up = scaled((low, high), (BOTTOM, TOP))
     for left, right in _inside(x, one.held, ends=(first, last), turn=around):
         corners = [(across(at), y) for at, y in ((left, TOP), (right, TOP), (right, BOTTOM), (left, BOTTOM))]
         canvas.area(corners, colour=AFTER, opacity=0.12)
@@ -163,8 +157,7 @@ def _sector_targets(canvas: Canvas, x: np.ndarray, across: Coordinate, *, ordina
     half = abs(across(float(np.max(x))) - across(float(np.min(x)))) / max(len(x) - 1, 1) / 2 or 6.0
     for k, at in enumerate(x.tolist()):
         words = f"sector about {label(round(at))}° of azimuth"
-        target = ClickTarget(_picked(ordinal), k)
-        canvas.target(target, words, x=across(at) - half, y=TOP, width=2 * half, height=BOTTOM - TOP)
+        canvas.target(_picked(ordinal), k, words, x=across(at) - half, y=TOP, width=2 * half, height=BOTTOM - TOP)
 
 
 def _frame_targets(
@@ -188,4 +181,4 @@ def _frame_targets(
         if one.where.time_s:
             acts = ": acts" if bool(one.where.in_time(np.float32(frame.time_s))) else ": does not act"
         words = f"{title(frame)}, {number(frame.time_s)} s{acts}"
-        canvas.target(ClickTarget("scene", k), words, x=left, y=TOP - 20, width=right - left, height=BOTTOM - TOP + 20)
+        canvas.target("scene", k, words, x=left, y=TOP - 20, width=right - left, height=BOTTOM - TOP + 20)

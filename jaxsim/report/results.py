@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from jaxsim.files import write_text
 from jaxsim.metrics import Score
@@ -19,12 +22,12 @@ Scores = Mapping[str, Mapping[str, Score]]
 def write_results(
     folder: Path, name: str, content: Mapping[str, Any], *, text: str, page: str = "", indent: int = 2
 ) -> Path:
-    """Writes NAME.md from `text`, NAME.html if there is a page, and NAME.json from `content`; gives the path of the
-    page, or else of the Markdown.
+    """Writes NAME.md from `text`, NAME.html if there is a page, and NAME.json from `content`: structs as objects,
+    arrays as lists, and null for what is not finite. Gives the path of the page, or else of the Markdown.
 
     Each file appears whole or not at all, and JSON last: where it is, the others are.
     """
-    files = {"md": f"{text}\n", "html": page, "json": json.dumps(content, indent=indent)}
+    files = {"md": f"{text}\n", "html": page, "json": json.dumps(_plain(content), indent=indent)}
     for suffix in [suffix for suffix, words in files.items() if words]:
         write_text(folder / f"{name}.{suffix}", files[suffix])
     return folder / f"{name}.{'html' if page else 'md'}"
@@ -42,14 +45,18 @@ def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([told, f"|{'---|' * len(heads)}", *others])
 
 
-def number_or_none(value: float) -> float | None:
-    """JSON has neither NaN, where nothing counts and there is nothing to average, nor infinity, of errors of 0."""
-    return value if math.isfinite(value) else None
-
-
-def plain_scores(scores: Mapping[str, Score]) -> dict[str, dict[str, Any]]:
-    """Scores for JSON."""
-    return {name: score._asdict() | {"value": number_or_none(score.value)} for name, score in scores.items()}
+def _plain(value: Any) -> Any:
+    """A value as JSON has it."""
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    elif is_dataclass(value):
+        value = vars(value)
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(one) for one in (value.tolist() if isinstance(value, np.ndarray) else value)]
+    # It has neither NaN, where nothing counts and there is nothing to average, nor infinity, of errors of 0.
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def score_heads(scores: Mapping[str, Score]) -> list[str]:
@@ -103,25 +110,19 @@ def write_scores(
     distribution: Mapping[str, Score] | None = None,
 ) -> str:
     """Writes scores.json and scores.md; gives their tables for a console, which has no room for that of the scenes."""
-    content: dict[str, Any] = {"frames": frames, "scores": {who: plain_scores(row) for who, row in scores.items()}}
+    content: dict[str, Any] = {"frames": frames, "scores": scores}
     tables = [score_table(scores, intervals)]
     by_scene: list[str] = []
     distributed: list[str] = []
     if intervals and any(intervals.values()):
-        content["intervals"] = {
-            who: {name: [number_or_none(end) for end in ends] for name, ends in row.items()}
-            for who, row in intervals.items()
-        }
-        content["mae_differences"] = {who: [number_or_none(x) for x in row] for who, row in (differences or {}).items()}
+        content |= {"intervals": intervals, "mae_differences": differences or {}}
         tables.append(difference_table(differences or {}))
     if scenes:
-        content["scenes"] = {
-            scene: {who: plain_scores(row) for who, row in by_method.items()} for scene, by_method in scenes.items()
-        }
+        content["scenes"] = scenes
         rows = [[scene, *(score_text(row["mae"]) for row in by_method.values())] for scene, by_method in scenes.items()]
         by_scene = [markdown_table(["mae by scene", *next(iter(scenes.values()))], rows)]
     if distribution:
-        content["distribution"] = plain_scores(distribution)
+        content["distribution"] = distribution
         distributed = [list_scores(distribution)]
     text = [f"{len(frames)} frames", *tables, *by_scene, *distributed]
     write_results(folder, "scores", content, text="\n\n".join(text))
@@ -137,7 +138,7 @@ def list_scores(scores: Mapping[str, Score]) -> str:
 def write_list(folder: Path, name: str, scores: Mapping[str, Score], *, about: dict[str, Any]) -> None:
     """Writes NAME.json and NAME.md; `about` says what was compared."""
     facts = "\n".join(f"{key}: {value}" for key, value in about.items())
-    write_results(folder, name, about | {"scores": plain_scores(scores)}, text=f"{facts}\n\n{list_scores(scores)}")
+    write_results(folder, name, about | {"scores": scores}, text=f"{facts}\n\n{list_scores(scores)}")
 
 
 def write_frechet(folder: Path, frechet: FrechetScore, *, extractor: str) -> None:

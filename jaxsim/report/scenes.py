@@ -15,8 +15,7 @@ from markupsafe import Markup
 
 from jaxsim.files import write_text
 from jaxsim.geometry.boxes import corners_of
-from jaxsim.report.numbers import number
-from jaxsim.report.page import EMPTY, explorer, paragraph, section, shows, table, whole_page
+from jaxsim.report.page import EMPTY, explorer, number, section, shows, table, whole_page
 from jaxsim.report.pictures import FOUND, LABEL
 
 MOST_BYTES = 3_500_000
@@ -216,8 +215,8 @@ def turning(scenes: Sequence[TurnedScene], words: str) -> tuple[Markup, Markup]:
         for k, scene in enumerate(scenes)
     ]
     heads = ["scene", "points", *(head for head, _ in kinds)]
-    body = paragraph(words) + explorer(words, has_map=False) + table(heads, rows, text=2)
-    return section("The clouds", body), packed(scenes, SHOWN)
+    viewer = explorer(words, has_map=False)
+    return section("The clouds", words, viewer, table(heads, rows, text=2)), packed(scenes, SHOWN)
 
 
 def write_clouds(path: Path, scenes: Sequence[TurnedScene], *, title: str, sentence: str, words: str) -> Path:

@@ -13,7 +13,7 @@ from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.covariates import HUE_ANGLE
 from jaxsim.discover.verdict import Interval, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
-from jaxsim.report.numbers import Real, number, percent
+from jaxsim.report.page import Real, number, percent
 
 _Line = Float[np.ndarray, " k"]
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +24,9 @@ from jaxsim.metrics.inception import Extractor
 from jaxsim.metrics.paired import total_scores
 from jaxsim.pairs.prepared import prepared
 from jaxsim.prepare import edge_map
-from jaxsim.report.page import figure, image, join_parts, paragraph, section, table, whole_page
+from jaxsim.report.page import figure, section, table, whole_page
 from jaxsim.report.pictures import NO_RETURN, Raster, Rgb, beside, input_panels, intensity_panel, save_pictures, strip
-from jaxsim.report.results import (
-    Scores,
-    list_facts,
-    markdown_table,
-    plain_scores,
-    score_heads,
-    score_text,
-    write_results,
-)
+from jaxsim.report.results import Scores, list_facts, markdown_table, score_heads, score_text, write_results
 from jaxsim.runs.frames import judges_of, positions_of, shared_frames
 from jaxsim.simulate.frames import simulate_batch, take
 from jaxsim.simulate.predict import make_predict
@@ -258,17 +250,8 @@ def write_ablation(
     """Writes ablation.json, ablation.md and ablation.html, self-contained; gives the page. `about`: facts to print."""
     content = {
         "about": dict(about),
-        "rows": [
-            {
-                "name": row.name,
-                "inputs": row.inputs,
-                "scores": plain_scores(row.scores),
-                "frechet": asdict(row.frechet) if row.frechet else None,
-                "paper_fid": PAPER_FID.get(row.name),
-            }
-            for row in rows
-        ],
-        "baselines": {who: plain_scores(row) for who, row in baselines.items()},
+        "rows": [vars(row) | {"paper_fid": PAPER_FID.get(row.name)} for row in rows],
+        "baselines": baselines,
     }
     text = f"{list_facts(about)}\n\n{ablation_table(rows, baselines)}\n\n{_notes(rows)}"
     page = _page(rows, baselines, pictures=pictures, about=about)
@@ -314,14 +297,14 @@ def _page(
 ) -> str:
     heads, cells = _cells(rows, baselines)
     body = [[Markup("<b>{}</b>").format(text) if best else text for text, best in row] for row in cells]
-    notes = join_parts(paragraph(line) for line in _notes(rows).splitlines())
-    sides = paragraph("Left: what the camera knows, and the sensor's answer. Right: each network's.")
-    figures = join_parts(
-        figure(image(picture, f"inputs and predictions of {name}"), name) for name, picture in pictures.items()
-    )
+    sides = "Left: what the camera knows, and the sensor's answer. Right: each network's."
+    figures = [figure(one, name, label=f"inputs and predictions of {name}") for name, one in pictures.items()]
     return whole_page(
         title="jaxsim: which inputs the intensity network needs",
         sentence=_sentence(rows),
         facts=list(about.items()),
-        sections=[section("Scores", table(heads, body, text=1) + notes), section("Frames", sides + figures)],
+        sections=[
+            section("Scores", table(heads, body, text=1), *_notes(rows).splitlines()),
+            section("Frames", sides, *figures),
+        ],
     )

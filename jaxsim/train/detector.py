@@ -12,7 +12,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.data.seen import Side, warn_of_seen
 from jaxsim.detect.scenes import Scenes
 from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
-from jaxsim.report.boxes import detection_picture
+from jaxsim.report.clouds import detection_picture
 from jaxsim.report.results import list_scores
 from jaxsim.runs.frames import RunFrames, check_frames
 from jaxsim.runs.kinds import DetectorRun

@@ -1,6 +1,7 @@
 """Small verdicts, of judge scenes that gain in their intensities."""
 
-from jaxsim.discover.verdict import Gained, Gap, Interval, Named, Rank, Verdict
+from jaxsim.discover.verdict import Verdict
+from jaxsim.discover.verdict.parts import Gained, Gap, Interval, Named, Rank
 
 
 def effect(name: str, *channels: str, **parameters: Interval) -> Named:

@@ -10,7 +10,6 @@ import numpy as np
 from jaxsim.discover.verdict import (
     Contrast,
     CurveLine,
-    Gained,
     Gap,
     Interval,
     JudgeFrame,
@@ -22,6 +21,7 @@ from jaxsim.discover.verdict import (
     Verdict,
     Where,
 )
+from jaxsim.discover.verdict.parts import Gained
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from jaxsim.frame import PolarGrid

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 import cv2
 import numpy as np
 
-from jaxsim.report.canvas import BEFORE, Canvas, ClickTarget, data_uri, save_figure
+from jaxsim.report.canvas import BEFORE, Canvas, data_uri, save_figure
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -40,7 +40,7 @@ def test_in_a_page_colours_are_the_pages_and_in_a_file_their_own(tmp_path):
 
 def test_what_answers_to_a_click_says_what_it_stands_for():
     canvas = drawing()
-    canvas.target(ClickTarget("curve 0", 3), 'row "3"', x=1, y=2, width=3, height=4)
+    canvas.target("curve 0", 3, 'row "3"', x=1, y=2, width=3, height=4)
     svg = canvas.svg("it")
     assert 'role="group"' in svg
     assert 'data-chart="curve 0" data-index="3" aria-label="row &#34;3&#34;"' in svg

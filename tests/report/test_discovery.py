@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from jaxsim.discover.verdict import Nulls
-from jaxsim.report.numbers import number
+from jaxsim.report.page import number
 from jaxsim.report.words import verdict_sentence
 from tests.report import results
 from tests.report.results import page

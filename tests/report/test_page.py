@@ -3,7 +3,18 @@
 import pytest
 from markupsafe import Markup
 
-from jaxsim.report.page import EMPTY, bar_cell, file_name, join_parts, paragraph, table, whole_page
+from jaxsim.report.page import (
+    EMPTY,
+    bar_cell,
+    file_name,
+    join_parts,
+    number,
+    paragraph,
+    percent,
+    probability,
+    table,
+    whole_page,
+)
 
 
 def test_words_are_escaped_and_markup_is_not():
@@ -12,7 +23,7 @@ def test_words_are_escaped_and_markup_is_not():
     assert "&lt;name&gt;" in html
     assert '<td class="t"><b>x</b></td><td>1</td>' in html
     assert '<td class="t">&lt;b&gt;y&lt;/b&gt;</td>' in html
-    assert join_parts([paragraph("<i>"), "<i>"]) == "<p>&lt;i&gt;</p>&lt;i&gt;"
+    assert join_parts([Markup("<i>"), "<i>"]) == "<i><p>&lt;i&gt;</p>"
 
 
 def test_a_row_of_another_length_is_refused():
@@ -33,3 +44,15 @@ def test_bars_end_inside_their_cell():
 
 def test_names_suit_every_file_system():
     assert file_name("curve", "a b/c") == "curve_a-b-c"
+
+
+def test_numbers_are_short_and_honest():
+    assert number(0.0) == "0"
+    assert number(-0.12345) == "−0.123"
+    assert number(211.4) == "211"
+    assert number(float("nan")) == "–"
+    assert number(3e-6) == "3.00·10⁻⁶"
+    assert probability(1e-5) == "< 0.0001"
+    assert percent(0.934) == "93 %"
+    assert percent(-0.07) == "−7 %"
+    assert percent(float("nan")) == "–"

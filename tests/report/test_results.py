@@ -2,8 +2,10 @@
 
 import json
 
+import numpy as np
 import pytest
 
+from jaxsim.discover.verdict import Interval
 from jaxsim.metrics import Score
 from jaxsim.report.results import (
     list_facts,
@@ -22,6 +24,16 @@ def test_json_markdown_and_page_hold_what_was_given(tmp_path):
     assert path.read_text() == "<p>0.5</p>"
     assert json.loads((tmp_path / "new" / "scores.json").read_text()) == {"mae": 0.5}
     assert (tmp_path / "new" / "scores.md").read_text() == "| mae |\n"
+
+
+def test_structs_are_objects_of_json_and_arrays_lists(tmp_path):
+    content = {"interval": Interval(1.0, 0.5, float("inf"), "m"), "iou": np.array([[0.5, np.nan]]), "seeds": (0, 1)}
+    write_results(tmp_path, "scores", content, text="none")
+    assert json.loads((tmp_path / "scores.json").read_text()) == {
+        "interval": {"value": 1.0, "low": 0.5, "high": None, "unit": "m"},
+        "iou": [[0.5, None]],
+        "seeds": [0, 1],
+    }
 
 
 def test_without_a_page_the_markdown_is_what_to_open(tmp_path):

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, Heights, fixed_basis, values_along, with_columns
+from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, fixed_basis, values_along, with_columns
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit, in_place
 from jaxsim.discover.model.null import refit, refitted
 from jaxsim.discover.model.parameters import to_values, to_z
@@ -67,8 +67,7 @@ class Form:
     def law(self) -> Law:
         """The law whose parameter is what is free: fitted like any effect, by the program that sensor.json's runs."""
         bare, basis = self.bare, jnp.asarray(self.basis, jnp.float32)
-        like = CURVES[bare.change].parameters["height"]
-        height = Heights(0.0, like.low, like.high, like.unit, like.meaning, scale=like.scale, columns=len(self.start))
+        height = replace(CURVES[bare.change].parameters["height"], columns=len(self.start))
         # Laws are told apart by name: another run's knots make another law.
         mark = hashlib.sha256(repr(bare).encode() + self.basis.tobytes()).hexdigest()[:12]
         return Law(

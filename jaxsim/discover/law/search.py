@@ -136,27 +136,16 @@ def _bends(text: str, t: Float[np.ndarray, " n"], unit: str, *, nodes: int) -> l
     span = float(np.ptp(t))
     # Steeper than a tenth of the span is a step, flatter than twice it a line.
     scales = span * np.geomspace(0.1, 2.0, 14)
-    both = tuple(sorted([*(-scales).tolist(), *scales.tolist()]))
     # With less than a cycle it is a bend, with more the knots do not follow it.
     most = max(min(8.0, len(np.unique(t)) / 2.5), 1.01)
     periods = tuple((span / np.arange(1.0, most, 0.2)).tolist())
-    # From its larger end on, so that no size is astronomical.
-    begin = {True: float(f"{t.max():.6g}"), False: float(f"{t.min():.6g}")}
     shapes = []
-    for grows, grid in ((True, both[len(scales) :]), (False, both[: len(scales)])):
-        start = begin[grows]
-        shapes.append(
-            Shape(
-                nodes,
-                f"level + size * exp(({text} - {start:.6g}) / scale)".replace("- -", "+ "),
-                lambda s, start=start: _one(np.exp((t - start) / s[:, None])),
-                "",
-                "scale",
-                unit,
-                grid,
-                refined=True,
-            )
-        )
+    for end, grid in ((t.max(), scales), (t.min(), -scales[::-1])):
+        # From its larger end on, so that no size is astronomical.
+        start = float(f"{end:.6g}")
+        expression = f"level + size * exp(({text} - {start:.6g}) / scale)".replace("- -", "+ ")
+        columns = lambda s, start=start: _one(np.exp((t - start) / s[:, None]))  # noqa: E731
+        shapes.append(Shape(nodes, expression, columns, "", "scale", unit, tuple(grid.tolist()), refined=True))
     wave = f"level + size * sin(2 * pi * {text} / period + phase)"
 
     def waves(period: Constants) -> _Columns:
@@ -313,8 +302,7 @@ def formula_parameters(shape: Shape, fits: ShapeFits, *, unit: str) -> dict[str,
     reach = float(student_reach(len(fits.constant) - 1))
     result = {}
     for name, (each, of) in numbers.items():
-        half = reach * float(jackknife_sd(each[1:, None])[0])
-        result[name] = Interval(float(each[0]), float(each[0]) - half, float(each[0]) + half, of)
+        result[name] = Interval.about(float(each[0]), reach * float(jackknife_sd(each[1:, None])[0]), of)
     return result
 
 

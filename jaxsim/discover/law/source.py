@@ -138,51 +138,49 @@ def write_effect(law: ClosedLaw, path: Path | str, *, name: str | None = None) -
 def _source(law: ClosedLaw, name: str) -> str:
     low, high = LIMITS[law.channel]
     edit = EDITS[law.channel]
-    lines = [_variable(covariate, law) for covariate in law.covariates]
-    parameters = [_parameter(law, key) for key in law.parameters]
-    starts = {key: float(f"{one.value:.6g}") for key, one in law.parameters.items()}
-    if "level" in starts:
-        starts.pop("level")
-    along = " and ".join(NAMED.get(one, one) for one in law.covariates)
+    variables = "\n".join(_variable(covariate, law) for covariate in law.covariates)
+    parameters = "\n".join(_parameter(law, key) for key in law.parameters)
+    starts = {key: float(f"{one.value:.6g}") for key, one in law.parameters.items() if key != "level"}
     reported = tuple(dict.fromkeys(NAMED.get(one, one) for one in law.covariates))
-    return "\n".join(
-        [
-            f'"""{law.formula}, of {law.channel}: found by `jaxsim discover`, in no catalogue."""',
-            "",
-            "import jax.numpy as jnp",
-            "",
-            f"from jaxsim.effects.edits import {edit}",
-            "from jaxsim.effects.effect import Effect, Parameter",
-            "from jaxsim.effects.rays import READ, Array, Rays",
-            "",
-            "",
-            "def apply(p: dict[str, Array], rays: Rays) -> Rays:",
-            f'    """Changes {law.channel} along {along}; beyond what was seen as at its ends."""',
-            *lines,
-            f"    change = {_code(law)}",
-            f"    change = jnp.clip(change, {low}, {high})",
-            f"    return {edit}(rays, jnp.where(rays.hit, change, 0.0))",
-            "",
-            "",
-            "EFFECT = Effect(",
-            f"    name={name!r},",
-            f"    stage={STAGE_OF[law.channel]!r},",
-            f"    title={f'{law.channel} follows {along}'!r},",
-            f"    formula={f'{CHANGE_OF[law.channel]}; change = {law.expression}'!r},",
-            "    parameters={",
-            *parameters,
-            "    },",
-            f"    channels=({law.channel!r},),",
-            f"    signature={f'Residuals of {law.channel} along {along} follow the formula.'!r},",
-            f"    covariates={reported!r},",
-            "    look_alikes={},",
-            f"    source={f'jaxsim discover: {law.held_out_nats:.0f} nats held out, {law.share:.0%} of the curve'!r},",
-            "    apply=apply,",
-            f"    starts=({starts!r},),",
-            ")",
-            "",
-        ]
-    )
+    along = " and ".join(NAMED.get(one, one) for one in law.covariates)
+    title = f"{law.channel} follows {along}"
+    formula = f"{CHANGE_OF[law.channel]}; change = {law.expression}"
+    signature = f"Residuals of {law.channel} along {along} follow the formula."
+    source = f"jaxsim discover: {law.held_out_nats:.0f} nats held out, {law.share:.0%} of the curve"
+    return f'''"""{law.formula}, of {law.channel}: found by `jaxsim discover`, in no catalogue."""
+
+import jax.numpy as jnp
+
+from jaxsim.effects.edits import {edit}
+from jaxsim.effects.effect import Effect, Parameter
+from jaxsim.effects.rays import READ, Array, Rays
+
+
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
+    """Changes {law.channel} along {along}; beyond what was seen as at its ends."""
+{variables}
+    change = {_code(law)}
+    change = jnp.clip(change, {low}, {high})
+    return {edit}(rays, jnp.where(rays.hit, change, 0.0))
+
+
+EFFECT = Effect(
+    name={name!r},
+    stage={STAGE_OF[law.channel]!r},
+    title={title!r},
+    formula={formula!r},
+    parameters={{
+{parameters}
+    }},
+    channels=({law.channel!r},),
+    signature={signature!r},
+    covariates={reported!r},
+    look_alikes={{}},
+    source={source!r},
+    apply=apply,
+    starts=({starts!r},),
+)
+'''
 
 
 def _variable(covariate: str, law: ClosedLaw) -> str:

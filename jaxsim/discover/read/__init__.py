@@ -19,18 +19,7 @@ from jaxtyping import Bool
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames, scene_of
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.noise_levels import Levels
-from jaxsim.discover.read.checks import (
-    all_or_none,
-    check_no_copies,
-    check_no_doubles,
-    check_one_grid,
-    check_pairs,
-    check_sides,
-    constant_intensity,
-    plausible,
-    sceneless,
-    unpartnered,
-)
+from jaxsim.discover.read import checks
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.read.motion import register
 from jaxsim.discover.read.registration import Registration, other_moments, speeds_read
@@ -106,7 +95,7 @@ def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str])
     predicted = open_polar_frames(simulated)
     recorded = open_polar_frames(measured)
     grid = predicted.grid
-    check_one_grid(predicted, recorded)
+    checks.check_one_grid(predicted, recorded)
     names = sorted(({*predicted.names} & {*recorded.names}) - {*left_out})
     if not names:
         raise ValueError(
@@ -119,7 +108,7 @@ def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str])
     images, sensed, extra = _read(names, predicted, recorded)
     sides = dict(zip(names, images, strict=True)), dict(zip(names, sensed, strict=True))
     # Some may be alike, where nothing is in reach of the sensor.
-    check_no_copies(predicted, recorded, sides=sides, allowed=len(names) - 1)
+    checks.check_no_copies(predicted, recorded, sides=sides, allowed=len(names) - 1)
     about = _about(names, predicted, recorded)
     # Times count from the recording's first frame, whether it is read or not: so does what simulates with the answer.
     first_s = min(float(fact.get("time", 0.0)) for fact in _about(shared, predicted, recorded))
@@ -129,12 +118,12 @@ def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str])
     recording = _measured(sensed)
     # Before anything is compared: sides that stand apart would fail every check for other reasons.
     registration = register(scan, recording.range_m, recording.valid, scenes=scenes)
-    if no_pairs := check_pairs(names, images, sensed, registered=registration):
+    if no_pairs := checks.check_pairs(names, images, sensed, registered=registration):
         # What was asked with them (where the sensor stands, which frames are read) is asked again without them.
         return _read_pairs(simulated, measured, left_out={**left_out, **no_pairs})
-    all_or_none(simulated, names, extra)
+    checks.all_or_none(simulated, names, extra)
     notes = [*(f"left out: {why}" for _, why in sorted(left_out.items()))]
-    notes += [*unpartnered(predicted.names, recorded.names), *constant_intensity(images, sensed)]
+    notes += [*checks.unpartnered(predicted.names, recorded.names), *checks.constant_intensity(images, sensed)]
     if rest.names:
         notes.append(
             f"{len(names)} of {len(shared)} frames were compared, spread evenly over {len(set(scenes))} scenes"
@@ -159,7 +148,7 @@ def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str])
         measured=recording,
         names=tuple(names),
         scenes=tuple(scenes),
-        notes=(*notes, *sceneless(names, about)),
+        notes=(*notes, *checks.sceneless(names, about)),
         registration=registration,
         speeds=speeds,
         rest=rest if rest.names else None,
@@ -172,7 +161,7 @@ def read_part(rest: Rest, names: Sequence[str], like: Comparison) -> Comparison:
     Raises ValueError for frames that are empty or in wrong units.
     """
     images, sensed, extra = _read(names, rest.simulated, rest.measured)
-    all_or_none(rest.simulated.folder, names, extra)
+    checks.all_or_none(rest.simulated.folder, names, extra)
     scenes = tuple(rest.scene_of(name) for name in names)
     about = _about(names, rest.simulated, rest.measured)
     scan = _counted_from(rest.first_s, scan_of(rest.simulated.grid, images, extra, about=about), about)
@@ -198,10 +187,10 @@ def _read(
         reading, told = measured.read(name)
         sensed.append(reading)
         tells.append(told)
-        plausible(name, image, "simulated")
-        plausible(name, reading, "measured")
-    check_sides(simulated.folder, measured.folder, predicted=extra, recorded=tells)
-    check_no_doubles(measured.folder, names, ours=images, theirs=sensed)
+        checks.plausible(name, image, "simulated")
+        checks.plausible(name, reading, "measured")
+    checks.check_sides(simulated.folder, measured.folder, predicted=extra, recorded=tells)
+    checks.check_no_doubles(measured.folder, names, ours=images, theirs=sensed)
     return images, sensed, extra
 
 

@@ -39,6 +39,21 @@ MOTION_PARTS = {
 """Parts of a motion: what each effect of a mounting, or of the table of beams, changes."""
 
 
+EffectValues = Mapping[str, Mapping[str, Float[np.ndarray, "*k"] | np.floating]]
+"""Values of effects' parameters."""
+
+
+def as_effects(motion: Motion) -> EffectValues:
+    """Motions as parameters of the effects of MOTION_PARTS, whose one of beams has a number for all of them."""
+    yaw, pitch, roll = np.moveaxis(Rotation.from_rotvec(motion[..., 3:6]).as_euler("ZYX"), -1, 0)
+    x, y, z = np.moveaxis(motion[..., :3], -1, 0)
+    return {
+        "extrinsic_translation": {"x_m": x, "y_m": y, "z_m": z},
+        "extrinsic_rotation": {"roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw},
+        "beam_elevation_error": {"error_rad": motion[..., LIFT]},
+    }
+
+
 @dataclass(frozen=True)
 class RegisteredSides:
     """The simulated images, and n measured points of each frame."""
@@ -191,17 +206,6 @@ class Registration:
     """Standard deviation of each frame's way during the scan."""
 
     @property
-    def rotation(self) -> dict[str, float]:
-        """The rotation as `extrinsic_rotation` has it."""
-        yaw, pitch, roll = Rotation.from_rotvec(self.motion[3:6]).as_euler("ZYX")
-        return {"roll_rad": float(roll), "pitch_rad": float(pitch), "yaw_rad": float(yaw)}
-
-    @property
-    def translation(self) -> dict[str, float]:
-        """The translation as `extrinsic_translation` has it."""
-        return dict(zip(("x_m", "y_m", "z_m"), map(float, self.motion[:3]), strict=True))
-
-    @property
     def near(self) -> Float[np.ndarray, " f"]:
         """Share of each frame's points that agree with what is predicted at its motion."""
         return _near(self.predicted_m, self.measured_m)
@@ -252,7 +256,7 @@ class Registration:
 
     def __str__(self) -> str:
         moved = ", ".join(f"{v:+.2f}" for v in self.motion[:3])
-        turned = ", ".join(f"{v:+.2f}" for v in np.rad2deg([*self.rotation.values()]))
+        turned = ", ".join(f"{v:+.2f}" for v in np.rad2deg([*as_effects(self.motion)["extrinsic_rotation"].values()]))
         lifted = (
             f" and beams lifted by {np.rad2deg(self.motion[LIFT]):+.2f} deg"
             if "beam_elevation_error" in self.sure

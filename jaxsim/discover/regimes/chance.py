@@ -3,7 +3,7 @@
 Where regions are made of whole scenes, scenes are exchangeable if nothing divides them: their excesses are dealt out
 anew. Where regions run through every scene (sectors), each scene's contrast is as likely as its negative: scenes change
 signs. Either way the best of a question's regions is held against the best under each draw (max-T), which pays for
-having looked at all; and false discoveries are kept rare over all questions by Benjamini and Hochberg (1995).
+having looked at all. (`find` keeps false discoveries rare over all questions.)
 
     ask             a question about an effect that is named, by its cells
     scenes_by_size  drives that only their own readings tell apart: some have the effect, others have not

@@ -137,7 +137,7 @@ def sectors_of(scan: Scan) -> Int[np.ndarray, " c"]:
 
 def questions(facts: Facts) -> list[Question]:
     """All that can be asked of these frames."""
-    return [one for one in (*_tags(facts), *_time(facts), _azimuth(facts)) if one is not None]
+    return [*_tags(facts), *_time(facts), *_azimuth(facts)]
 
 
 def _time(facts: Facts) -> Iterator[Question]:
@@ -181,8 +181,8 @@ def _tags(facts: Facts) -> Iterator[Question]:
             yield Question("tag", (Region(tag=tag),), _over_sectors(facts, has[None]))
 
 
-def _azimuth(facts: Facts) -> Question | None:
-    """Arcs of the scan."""
+def _azimuth(facts: Facts) -> Iterator[Question]:
+    """Arcs of the scan, where there are sectors in every scene."""
     count = facts.sectors
     columns = facts.scan.range_m.shape[2]
     turns = bool(spans_turn(facts.scan.grid))
@@ -198,10 +198,9 @@ def _azimuth(facts: Facts) -> Question | None:
             regions.append(arc(facts.scan, begin, end - begin))
             inside.append((column - first) % count < length)
     # A single drive is cut into scenes by azimuth: a sector is one, and none can be held against itself.
-    if not regions or np.ptp(facts.sector, axis=1).min() < count / 2:
-        return None
-    masks = np.broadcast_to(np.stack(inside)[:, None], (len(regions), len(facts.scene), count))
-    return Question("azimuth", tuple(regions), masks)
+    if regions and np.ptp(facts.sector, axis=1).min() >= count / 2:
+        masks = np.broadcast_to(np.stack(inside)[:, None], (len(regions), len(facts.scene), count))
+        yield Question("azimuth", tuple(regions), masks)
 
 
 def arc(scan: Scan, first: int, length: int) -> Region:

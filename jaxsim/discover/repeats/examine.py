@@ -114,13 +114,9 @@ def _unexplained(one: LearnedRepeat) -> Unexplained:
     told = Unexplained(repeat.channel, covariate, character, repeat.formula)
     if law.kind == "table" and len(law.knots) == 1:
         along = law.covariates[0] if law.covariates[0] != covariate else ""
-        band = tuple(_reach(one) * sd for sd in law.sd)
+        band = tuple(float(student_reach(one.scenes)) * sd for sd in law.sd)
         return replace(told, x=law.knots[0], y=law.values, band=band, along=along)
     return told
-
-
-def _reach(one: LearnedRepeat) -> float:
-    return float(student_reach(one.scenes))
 
 
 def formula_of(repeats: Sequence[LearnedRepeat]) -> ClosedLaw | None:
@@ -128,57 +124,36 @@ def formula_of(repeats: Sequence[LearnedRepeat]) -> ClosedLaw | None:
     if not repeats:
         return None
     one, law = repeats[0], repeats[0].learned
+    size, unit = one.repeat.size, CHANGE_UNITS[law.channel]
     if law.kind == "wave":
-        return _of_wave(one)
-    if law.covariates in (("even rows",), ("even columns",)):
-        return _of_parity(one)
-    return None
-
-
-def _of_wave(one: LearnedRepeat) -> ClosedLaw:
-    size, law = one.repeat.size, one.learned
-    # The law has a cosine and a sine: together one sine with a phase.
-    phase = float(np.arctan2(law.values[0], law.values[1]))
-    off = _reach(one) * float(np.mean(law.sd)) / max(np.hypot(law.values[0], law.values[1]), 1e-9)
-    single = len(law.knots) == 1
-    periods = {}
-    terms = []
-    for name, [turns] in zip(law.covariates, law.knots, strict=True):
-        key = "period" if single else f"{name}_period"
-        periods[key] = Interval(1 / turns, 1 / turns, 1 / turns, "")
-        terms.append(f"{name} / {key}")
-    angle = f"2 * pi * {terms[0]}" if single else f"2 * pi * ({' + '.join(terms)})"
-    return _closed(
-        one,
-        expression=f"level + size * sin({angle} + phase)",
-        formula=f"{size.value:.3g}·sin(2π·({' + '.join(_divided(law))}) {phase:+.3g})",
-        parameters={
-            "level": _level(size.value if law.channel == "drop" else 0.0, law.channel),
+        # The law has a cosine and a sine: together one sine with a phase.
+        phase = float(np.arctan2(law.values[0], law.values[1]))
+        reach = float(student_reach(one.scenes))
+        off = reach * float(np.mean(law.sd)) / max(np.hypot(law.values[0], law.values[1]), 1e-9)
+        periods = dict(zip(law.covariates, (1 / turns for [turns] in law.knots), strict=True))
+        single = len(periods) == 1
+        key = {name: "period" if single else f"{name}_period" for name in periods}
+        angle = " + ".join(f"{name} / {key[name]}" for name in periods)
+        turns = " + ".join(f"{name}/{period:.4g}" for name, period in periods.items())
+        expression = f"level + size * sin(2 * pi * {angle if single else f'({angle})'} + phase)"
+        formula = f"{size.value:.3g}·sin(2π·({turns}) {phase:+.3g})"
+        # A wave of drops swings about a level of its own height.
+        numbers = {
+            "level": Interval.exact(size.value if law.channel == "drop" else 0.0, unit),
             "size": size,
-            "phase": Interval(phase, phase - off, phase + off, "rad"),
-            **periods,
-        },
-        nodes=2 if single else 4,
-    )
-
-
-def _of_parity(one: LearnedRepeat) -> ClosedLaw:
-    size, law = one.repeat.size, one.learned
-    variable, _ = VARIABLES[law.covariates[0]]
-    level = law.values[0]
-    return _closed(
-        one,
-        expression=f"level + size * {variable}",
-        formula=f"{level:.3g} + {size.value:.3g}·{variable}",
-        parameters={"level": _level(level, law.channel), "size": size},
-        nodes=1,
-    )
-
-
-def _closed(
-    one: LearnedRepeat, *, expression: str, formula: str, parameters: dict[str, Interval], nodes: int
-) -> ClosedLaw:
-    law = one.learned
+            "phase": Interval.about(phase, off, "rad"),
+            **{key[name]: Interval.exact(period, "") for name, period in periods.items()},
+        }
+        nodes = 2 if single else 4
+    elif law.covariates in (("even rows",), ("even columns",)):
+        variable, _ = VARIABLES[law.covariates[0]]
+        level = law.values[0]
+        expression = f"level + size * {variable}"
+        formula = f"{level:.3g} + {size.value:.3g}·{variable}"
+        numbers = {"level": Interval.exact(level, unit), "size": size}
+        nodes = 1
+    else:
+        return None
     # It holds for every row and column that there is.
     ends = {"row": one.grid[0] - 1.0, "column": one.grid[1] - 1.0, "even rows": 1.0, "even columns": 1.0}
     return ClosedLaw(
@@ -186,17 +161,9 @@ def _closed(
         covariates=law.covariates,
         formula=formula,
         expression=expression,
-        parameters=parameters,
+        parameters=numbers,
         limits={VARIABLES[name][0]: (0.0, ends[name]) for name in law.covariates},
         nodes=nodes,
         held_out_nats=one.judged_nats,
         share=1.0,
     )
-
-
-def _divided(law: Learned) -> list[str]:
-    return [f"{name}/{1 / turns:.4g}" for name, [turns] in zip(law.covariates, law.knots, strict=True)]
-
-
-def _level(value: float, channel: str) -> Interval:
-    return Interval(value, value, value, CHANGE_UNITS[channel])

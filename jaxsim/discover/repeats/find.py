@@ -120,6 +120,11 @@ class FoundPattern:
     phase: complex
     """Phase of a wave, as a complex number."""
 
+    def sized(self, size: Interval, phase: complex) -> Repeat:
+        """The pattern in words, of another size and phase."""
+        formula = pattern_formula(self.repeat.channel, self.scale, self.number, size=size, phase=phase)
+        return replace(self.repeat, size=size, formula=formula)
+
 
 def find_repeats(
     maps: Mapping[str, Maps],
@@ -160,8 +165,12 @@ def find_repeats(
         p_judge = p_value(np.sign(height) * shows[~finding])
         size = height_of(shows, answers, channel) if scale.pattern else common_size(maps_left, scale, channel)
         large = abs(size.value) >= np.hypot(least[channel], maps_left.rounding(pattern))
-        if large and convincing(p_judge, int((~finding).sum())):
-            repeat = repeat_of(channel, scale, k, phase=phase, size=size, p=p, p_judge=p_judge)
+        # Of few judge scenes all must show it.
+        if large and p_judge <= attainable(RULES.repeats_judge_level, int((~finding).sum())):
+            formula = pattern_formula(channel, scale, k, size=size, phase=phase)
+            repeat = Repeat(
+                channel, scale.name, scale.along, scale.words(k), scale.period(k), formula, size, p, p_judge
+            )
             patterns.append(FoundPattern(repeat, scale, k, phase))
         # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
         remaining[channel] = replace(maps_left, total=maps_left.total - height * response)
@@ -249,19 +258,10 @@ def common_size(maps: Maps, scale: PatternScale, channel: str) -> Interval:
 
 def _interval(value: float, without: Float[np.ndarray, " n"], channel: str) -> Interval:
     """The interval by what the value becomes `without` each of the scenes, widened as parameters' intervals are."""
-    half = RULES.interval_widening * jackknife_half_width(without)
-    return Interval(float(value), float(value) - half, float(value) + half, HEIGHT_UNITS[channel])
+    return Interval.about(float(value), RULES.interval_widening * jackknife_half_width(without), HEIGHT_UNITS[channel])
 
 
-def convincing(p_judge: float, judges: int) -> bool:
-    """Whether judge scenes show the pattern again, with the same sign and phase; of few scenes all must."""
-    return p_judge <= attainable(RULES.repeats_judge_level, judges)
-
-
-def repeat_of(
-    channel: str, scale: PatternScale, k: int, *, phase: complex, size: Interval, p: float, p_judge: float
-) -> Repeat:
-    """The k-th pattern of a scale in words."""
+def pattern_formula(channel: str, scale: PatternScale, k: int, *, size: Interval, phase: complex) -> str:
+    """The k-th pattern of a scale as a formula, or in words where it has none."""
     height = f"{LETTERS[channel]} ≈ {size.value:.3g}"
-    formula = f"{height}·{scale.formula(k, phase)}" if scale.formula else f"{height}, {scale.words(k)}"
-    return Repeat(channel, scale.name, scale.along, scale.words(k), scale.period(k), formula, size, p, p_judge)
+    return f"{height}·{scale.formula(k, phase)}" if scale.formula else f"{height}, {scale.words(k)}"

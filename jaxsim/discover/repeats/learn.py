@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.discover.covariates import COVARIATES
-from jaxsim.discover.repeats.find import FoundPattern, common_size, height_of, repeat_of
+from jaxsim.discover.repeats.find import FoundPattern, common_size, height_of
 from jaxsim.discover.repeats.maps import Maps, MapSums, PatternMap
 from jaxsim.discover.verdict import Interval, Repeat
 from jaxsim.effects import Law
@@ -221,17 +221,7 @@ def _learned(
     scatter = (form.gather(rest[finding]) ** 2).sum(0)
     sd = np.where(steep > 0, np.sqrt(np.maximum(scatter, share * steep)) / curvature, 0)
     learned = form.learned(heights, sd)
-    told_as = form.origin.repeat
-    size, phase = _size(form, heights, maps=maps)
-    repeat = repeat_of(
-        told_as.channel,
-        form.origin.scale,
-        form.origin.number,
-        phase=phase,
-        size=size,
-        p=told_as.p_value,
-        p_judge=told_as.p_judge,
-    )
+    repeat = form.origin.sized(*_size(form, heights, maps=maps))
     # From no pattern to its maximum a parabola gains its slope less half of what bends it.
     shows = (maps.total * pattern).sum((1, 2)) - (answer * pattern).sum((1, 2)) / 2
     nats = float(shows[~finding].sum())

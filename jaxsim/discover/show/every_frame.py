@@ -25,7 +25,7 @@ from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Chain
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.mounting import Mounting, place_alike
+from jaxsim.discover.mounting import Mounting, place_mounting
 from jaxsim.discover.read import Comparison, Rest, read_part
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.show.gap import ERROR_UNITS, block_distances
@@ -115,7 +115,8 @@ def block_of(
 ) -> JudgedBlock:
     """The next frames as they are judged; the last one is repeated until there are `size`."""
     padded = [*names, *[names[-1]] * (size - len(names))]
-    part = place_alike(read_part(rest, padded, like=comparison), mounting, by.null.known)
+    # Their registration is that of the frames that were read, and they are brought as these were.
+    part = place_mounting(read_part(rest, padded, like=comparison), mounting.effects, by.null.known).comparison
     old = by.null.division
     is_find, _ = old.blocks_of(old.parts.find)
     new = _new_blocks(old, part.scenes, number=number)

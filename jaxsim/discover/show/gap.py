@@ -30,7 +30,7 @@ from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import residual_spread, residuals
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import Gained, Gap, Interval
+from jaxsim.discover.verdict.parts import Gained, Gap, Interval
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.frame import Array
 from jaxsim.metrics.intervals import mean_interval, ratio_interval

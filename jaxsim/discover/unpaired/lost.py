@@ -111,7 +111,7 @@ def _sector(
         ]
     costs = [side.by_scene((side.empty & hidden).mean(1)) for side in (measured, simulated)]
     gain = Interval(float(costs[0].mean() - costs[1].mean()), *difference_interval(*costs), "share of rays")
-    return [_named("sector_occlusion", p, gain, parameters=_borders(grid, columns))], []
+    return [Named.alone("sector_occlusion", p, gain, parameters=_borders(grid, columns))], []
 
 
 def _run(grid: PolarGrid, hidden: Bool[np.ndarray, " c"]) -> Int[np.ndarray, " k"]:
@@ -126,11 +126,11 @@ def _borders(grid: PolarGrid, columns: Int[np.ndarray, " k"]) -> dict[str, Inter
     step = float(np.abs(np.diff(azimuth_rad)).mean())
     middle = within_turn(float(np.unwrap(azimuth_rad[columns]).mean()))
     width = len(columns) * step
-    parameters = {
-        "azimuth_rad": Interval(middle, middle - step / 2, middle + step / 2, ""),
-        "width_rad": Interval(width, width - step, width + step, ""),
+    of = EFFECTS["sector_occlusion"].parameters
+    return {
+        "azimuth_rad": Interval.about(middle, step / 2, "").within(of["azimuth_rad"]),
+        "width_rad": Interval.about(width, step, "").within(of["width_rad"]),
     }
-    return {name: _bounded(value, "sector_occlusion", name) for name, value in parameters.items()}
 
 
 def _packets(measured: _Side, simulated: _Side, columns: Bool[np.ndarray, " c"]) -> list[Named]:
@@ -138,7 +138,7 @@ def _packets(measured: _Side, simulated: _Side, columns: Bool[np.ndarray, " c"])
     p, share = _compared(*[side.by_scene(side.empty[:, columns].mean(1)) for side in (measured, simulated)])
     if p > RULES.unpaired_level or share.value <= RULES.unpaired_usual_losses:
         return []
-    return [_named("packet_loss", p, share, parameters={"probability": _bounded(share, "packet_loss", "probability")})]
+    return [_of_share("packet_loss", p, share, probability=share)]
 
 
 def _single_rays(
@@ -167,8 +167,7 @@ def _single_rays(
     if not uneven:
         # Of what is lost, between none and what is usual is lost anyway.
         beyond = replace(share, value=share.value - usual / 2, low=share.low - usual)
-        probability = _bounded(beyond, "random_dropout", "probability")
-        return [_named("random_dropout", p, share, parameters={"probability": probability})], []
+        return [_of_share("random_dropout", p, share, probability=beyond)], []
     notes = []
     for name, shares in uneven.items():
         told = ", ".join(f"{100 * part:.2g} %" for part in shares)
@@ -204,26 +203,12 @@ def lattices(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> li
         # A reading that can only lie on the lattice is likelier by step / finest step.
         gain = returns * float(np.log(step / FINEST[name]))
         parameter = next(iter(EFFECTS[name].parameters))
-        nats = Interval(gain, gain, gain, "nats per scene")
-        entries.append(_named(name, 2.0**-scenes, nats, parameters={parameter: Interval(step, step, step, "")}))
+        nats = Interval.exact(gain, "nats per scene")
+        entries.append(Named.alone(name, 2.0**-scenes, nats, parameters={parameter: Interval.exact(step, "")}))
     return entries
 
 
-def _named(effect: str, p_value: float, gain: Interval, *, parameters: dict[str, Interval]) -> Named:
-    """The entry of an effect that has no look-alikes here."""
-    return Named(
-        name=effect,
-        look_alikes=(),
-        tell_apart={},
-        channels=EFFECTS[effect].channels,
-        p_value=p_value,
-        gain=gain,
-        parameters=dict(parameters),
-    )
-
-
-def _bounded(interval: Interval, effect: str, parameter: str) -> Interval:
-    """The interval within the parameter's bounds, in its unit."""
-    p = EFFECTS[effect].parameters[parameter]
-    value, low, high = np.clip([interval.value, interval.low, interval.high], p.low, p.high).tolist()
-    return Interval(value, low, high, p.unit)
+def _of_share(effect: str, p_value: float, gain: Interval, *, probability: Interval) -> Named:
+    """An effect that loses each of its rays, or columns, with one probability."""
+    bounded = probability.within(EFFECTS[effect].parameters["probability"])
+    return Named.alone(effect, p_value, gain, parameters={"probability": bounded})

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.name.select import Selection, Step, worse
-from jaxsim.discover.name.unexplained import shape_of
+from jaxsim.discover.name.unexplained import X_WORDS, shape_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.unpaired.conditional import Conditional, Term
@@ -219,5 +219,5 @@ def _described(problem: Conditional, curve: UnpairedCandidate) -> Unexplained:
     band = NORMAL_REACH * np.std(fits[1:], axis=0)[order]
     dependence = Dependence("intensity", name, curve.chance, 0.0, curve.total)
     character, formula = shape_of(knots[order], y, basis.sum(0)[order], dependence=dependence)
-    formula += " (x: ln of range in m)" if name == "range" else f" (x: {name})"
+    formula += f" (x: {X_WORDS.get(name, name)})"
     return Unexplained("intensity", name, character, formula, tuple(knots[order]), tuple(y), tuple(band))

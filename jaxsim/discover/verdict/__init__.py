@@ -1,7 +1,8 @@
 """The answer, as plain values: what verdict.json holds and the report draws.
 
-Nothing is computed here; the rooms fill these in, and the report reads nothing else. `Verdict` and `Result` hold all;
-their parts are `parts`, in the order in which they are found.
+Nothing is computed here; the rooms fill these in, and the report reads nothing else. `Verdict` holds what is said, of
+`parts`, in the order in which they are found; `Result` also what is drawn of judge scenes, `CurveLine` and `JudgeFrame`
+among it.
 """
 
 from __future__ import annotations
@@ -12,17 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int, Real
 
 from jaxsim.discover.verdict.parts import (
     ClosedLaw,
     Contrast,
-    CurveLine,
     Fidelity,
-    Gained,
     Gap,
     Interval,
-    JudgeFrame,
     Level,
     Named,
     Nulls,
@@ -40,34 +38,6 @@ from jaxsim.effects.learned import Learned
 from jaxsim.effects.region import Region
 from jaxsim.files import write_text
 from jaxsim.frame import PolarGrid, in_notebook
-
-__all__ = [
-    "ClosedLaw",
-    "Contrast",
-    "CurveLine",
-    "EveryFrame",
-    "Fidelity",
-    "Gained",
-    "Gap",
-    "InPlace",
-    "Interval",
-    "JudgeFrame",
-    "Judged",
-    "Level",
-    "Named",
-    "Nulls",
-    "OddFrame",
-    "OwnCandidate",
-    "Rank",
-    "Regime",
-    "Registered",
-    "Repeat",
-    "Result",
-    "Sensitivity",
-    "Unexplained",
-    "Verdict",
-    "Where",
-]
 
 
 @dataclass(frozen=True)
@@ -218,6 +188,54 @@ def plain(value: Any) -> Any:
     if isinstance(value, (np.floating, float)):
         return float(f"{float(value):.6g}") if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
+
+
+@dataclass(frozen=True)
+class CurveLine:
+    """Mean residual along a covariate on judge scenes, before and after the effects were added."""
+
+    channel: str
+    covariate: str
+    unit: str
+    """Unit of the residual: nats of ln I, m of range, share of rays lost."""
+    x: Float[np.ndarray, " k"]
+    before: Float[np.ndarray, " k"]
+    after: Float[np.ndarray, " k"]
+    band: Float[np.ndarray, " k"]
+    """Half width of the 90 % interval of `before`, from the scatter between scenes; NaN where fewer than two have a
+    value."""
+    spread: bool = False
+    """Whether it is not the mean of the residuals but their spread over the expected one, less 1."""
+    edges: Float[np.ndarray, " k+1"] | None = None
+    """Of the groups of rays that the points are means of: each holds what lies from one to below the next. None where
+    it is not kept (unpaired)."""
+
+    def group_of(self, values: Real[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
+        """The group of each value of the covariate; -1 for all where the edges are not kept."""
+        if self.edges is None:
+            return np.full(np.shape(values), -1)
+        return np.clip(np.searchsorted(self.edges, values, side="right") - 1, 0, len(self.x) - 1)
+
+
+@dataclass(frozen=True)
+class JudgeFrame:
+    """One frame of a judge scene, ray by ray (n rays)."""
+
+    name: str
+    scene: str
+    """Empty where it holds several: sectors of one drive."""
+    row: Int[np.ndarray, " n"]
+    column: Int[np.ndarray, " n"]
+    range_m: Float[np.ndarray, " n"]
+    """As measured; of rays that were lost, as simulated."""
+    returned: Bool[np.ndarray, " n"]
+    before: dict[str, Float[np.ndarray, " n"]]
+    """Residuals of each channel in its own unit, NaN where it is not compared."""
+    after: dict[str, Float[np.ndarray, " n"]]
+    groups: tuple[Int[np.ndarray, " n"], ...] = ()
+    """For each curve of the result, the group of each ray, -1 where it is in none."""
+    time_s: float = 0.0
+    """Since the recording's first frame; 0 for all where frames say no time."""
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,14 @@ show.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Real
+from jaxtyping import Float
 
 from jaxsim.discover.rules import RULES
+from jaxsim.effects import EFFECTS, Parameter
 from jaxsim.effects.origin import LookAlike
 from jaxsim.effects.region import Region
 from jaxsim.metrics.intervals import mean_interval
@@ -36,6 +38,21 @@ class Interval:
             return cls(np.nan, np.nan, np.nan, unit)
         low, high = mean_interval(known)
         return cls(float(known.mean()), max(low, least), high, unit)
+
+    @classmethod
+    def about(cls, value: float, half: float, unit: str) -> Interval:
+        """A value and as much to either side."""
+        return cls(float(value), float(value) - half, float(value) + half, unit)
+
+    @classmethod
+    def exact(cls, value: float, unit: str) -> Interval:
+        """A value that is known."""
+        return cls(value, value, value, unit)
+
+    def within(self, of: Parameter) -> Interval:
+        """The same within a parameter's bounds, in its unit."""
+        value, low, high = np.clip([self.value, self.low, self.high], of.low, of.high).tolist()
+        return Interval(value, low, high, of.unit)
 
 
 @dataclass(frozen=True)
@@ -157,6 +174,13 @@ class Named:
     """Vectors as one interval a beam or class."""
     does: dict[str, Interval] = field(default_factory=dict)
     """What it changes by channel: the mean of the rays, and between which ends nine of ten lie."""
+
+    @classmethod
+    def alone(
+        cls, name: str, p_value: float, gain: Interval, *, parameters: Mapping[str, Interval | tuple[Interval, ...]]
+    ) -> Named:
+        """An effect of the catalogue that nothing looks like here."""
+        return cls(name, (), {}, EFFECTS[name].channels, p_value, gain, dict(parameters))
 
     @property
     def values(self) -> dict[str, float | tuple[float, ...]]:
@@ -348,51 +372,3 @@ class Gap:
         """Whether the channel is shown (95 %, one-sided) to be worse by less than `Rules.not_worse_share` of its
         distance."""
         return self.low > -RULES.not_worse_share * self.before
-
-
-@dataclass(frozen=True)
-class CurveLine:
-    """Mean residual along a covariate on judge scenes, before and after the effects were added."""
-
-    channel: str
-    covariate: str
-    unit: str
-    """Unit of the residual: nats of ln I, m of range, share of rays lost."""
-    x: Float[np.ndarray, " k"]
-    before: Float[np.ndarray, " k"]
-    after: Float[np.ndarray, " k"]
-    band: Float[np.ndarray, " k"]
-    """Half width of the 90 % interval of `before`, from the scatter between scenes; NaN where fewer than two have a
-    value."""
-    spread: bool = False
-    """Whether it is not the mean of the residuals but their spread over the expected one, less 1."""
-    edges: Float[np.ndarray, " k+1"] | None = None
-    """Of the groups of rays that the points are means of: each holds what lies from one to below the next. None where
-    it is not kept (unpaired)."""
-
-    def group_of(self, values: Real[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
-        """The group of each value of the covariate; -1 for all where the edges are not kept."""
-        if self.edges is None:
-            return np.full(np.shape(values), -1)
-        return np.clip(np.searchsorted(self.edges, values, side="right") - 1, 0, len(self.x) - 1)
-
-
-@dataclass(frozen=True)
-class JudgeFrame:
-    """One frame of a judge scene, ray by ray (n rays)."""
-
-    name: str
-    scene: str
-    """Empty where it holds several: sectors of one drive."""
-    row: Int[np.ndarray, " n"]
-    column: Int[np.ndarray, " n"]
-    range_m: Float[np.ndarray, " n"]
-    """As measured; of rays that were lost, as simulated."""
-    returned: Bool[np.ndarray, " n"]
-    before: dict[str, Float[np.ndarray, " n"]]
-    """Residuals of each channel in its own unit, NaN where it is not compared."""
-    after: dict[str, Float[np.ndarray, " n"]]
-    groups: tuple[Int[np.ndarray, " n"], ...] = ()
-    """For each curve of the result, the group of each ray, -1 where it is in none."""
-    time_s: float = 0.0
-    """Since the recording's first frame; 0 for all where frames say no time."""

@@ -25,9 +25,9 @@ from jaxsim.metrics.cloud_checks import (
     drop_map,
 )
 from jaxsim.report.canvas import Canvas, save_figure
-from jaxsim.report.charts import level_lines, x_axis
+from jaxsim.report.charts import level_lines, scaled, x_axis
 from jaxsim.report.pictures import Rgb, colour_scalar, strip
-from jaxsim.report.results import markdown_table, number_or_none, write_results
+from jaxsim.report.results import markdown_table, write_results
 from jaxsim.studies.real2sim2real import REAL
 
 Counts = Mapping[str, CloudCounts]
@@ -177,8 +177,7 @@ def _draw(canvas: Canvas, counts: Counts, panel: _Panel, *, left: int) -> None:
     first, last = _span(shares, edges, step)
     top = 1.0 if panel.logarithmic else _round_up(max((float(share.max()) for share in shares.values()), default=0.0))
 
-    def across(value: Any) -> Any:
-        return left + (value - first) / (last - first) * _WIDTH
+    across = scaled((first, last), (left, left + _WIDTH))
 
     def up(share: Any) -> Any:
         # No share is none: below the last decade the line lies on the axis.
@@ -246,14 +245,6 @@ def check_text(counts: Counts, first: str) -> str:
     return "\n\n".join([WORDS, *tables])
 
 
-def plain_rows(counts: Counts, kind: str) -> dict[str, dict[str, float | None]]:
-    """Measures of one class for JSON, which has no NaN."""
-    return {
-        name: {measure: number_or_none(value) for measure, value in row.items()}
-        for name, row in cloud_measures(counts, kind).items()
-    }
-
-
 def checked_kinds(out: Path) -> tuple[str, ...]:
     """Kinds of clouds that OUT/clouds.json compares; none where there is no such file."""
     path = out / "clouds.json"
@@ -272,7 +263,7 @@ def write_checks(out: Path, counts: Counts, first: str, *, pictures: Mapping[str
     }
     for name, picture in drawn.items():
         save_figure(out / "pictures", name, picture, words=name.replace("_", " "))
-    classes = {kind: plain_rows(counts, kind) for kind in classes_in(counts, first)}
+    classes = {kind: cloud_measures(counts, kind) for kind in classes_in(counts, first)}
     content = {"clouds": list(counts), "classes": classes}
     write_results(out, "clouds", content, text=check_text(counts, first), indent=1)
     return drawn

@@ -10,23 +10,14 @@ from markupsafe import Markup
 
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
-from jaxsim.report.boxes import draw_above
 from jaxsim.report.canvas import Canvas, save_figure
-from jaxsim.report.page import EMPTY, figure, image, join_parts, paragraph, section, table, whole_page
+from jaxsim.report.clouds import draw_above
+from jaxsim.report.page import EMPTY, figure, section, table, whole_page
 from jaxsim.report.pictures import Rgb, beside
 from jaxsim.report.results import write_results
 from jaxsim.report.scenes import TurnedScene, cloud_with_boxes, turning
-from jaxsim.studies.real2sim2real import CLOUD_KINDS, Loop
+from jaxsim.studies.real2sim2real import CLOUD_KINDS, Loop, scores
 from jaxsim.studies.real2sim2real.charts import WORDS, Counts, check_tables, epochs_chart, write_checks
-from jaxsim.studies.real2sim2real.scores import (
-    HEADS,
-    answer,
-    discovered_effects,
-    epochs_on_real,
-    loop_tables,
-    plain_tables,
-    score_cells,
-)
 
 PANEL = 620
 """Height of a cloud from above, pixels."""
@@ -38,17 +29,17 @@ def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb], *, cloud
     `clouds` turn in it.
     """
     drawn = write_checks(loop.out, counts, loop.target, pictures=pictures)
-    if epochs := epochs_chart(epochs_on_real(loop)):
+    if epochs := epochs_chart(scores.epochs_on_real(loop)):
         drawn["epochs"] = epochs
         save_figure(loop.out / "pictures", "epochs", epochs, words="AP on real clouds at each checkpoint")
-    content, text = plain_tables(loop, counts), loop_tables(loop, counts)
+    content, text = scores.plain_tables(loop, counts), scores.loop_tables(loop, counts)
     page = _page(loop, counts, drawn, clouds=clouds)
     return write_results(loop.out, "real2sim2real", content, text=text, page=page, indent=1)
 
 
 def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, clouds: Sequence[TurnedScene]) -> str:
     def drawn(name: str, words: str) -> Markup:
-        return figure(image(pictures[name], words), words) if name in pictures else EMPTY
+        return figure(pictures[name], words) if name in pictures else EMPTY
 
     checks, config = check_tables(counts, loop.target), loop.config
 
@@ -58,41 +49,39 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
         return Markup("<h3>{}</h3>").format(title) + table(heads, rows, text=1) + shown
 
     turned, scenes = turning(clouds, "Labelled cars are green, found ones orange; the crossed side is the front.")
-    heads = ("difficulty", "labels", *HEADS)
-    known = join_parts(paragraph(f"{kind}: {CLOUD_KINDS[kind][1]}.") for kind in config.kinds)
     return whole_page(
         title="jaxsim: Real2Sim2Real",
-        sentence=answer(loop),
+        sentence=scores.answer(loop),
         facts=[
             ("real frames", f"{config.detector.data.kind}, {config.detector.data.validation} to judge"),
             ("renderer", config.synthetic.kind),
-            ("the sensor was found to lack", discovered_effects(loop)),
+            ("the sensor was found to lack", scores.discovered_effects(loop)),
             ("seeds", ", ".join(map(str, config.seeds))),
             ("detector", f"Voxel R-CNN, {config.detector.optim.epochs} epochs"),
         ],
         sections=[
             section(
                 "Trained on simulated clouds, scored on real ones",
-                paragraph(
-                    f"AP R40 of {loop.target}, percent, mean of the last epochs; in brackets the paper's, on KITTI."
-                )
-                + table(("trained on", *heads), score_cells(loop, of_real=False), text=2)
-                + drawn("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
+                f"AP R40 of {loop.target}, percent, mean of the last epochs; in brackets the paper's, on KITTI.",
+                table(*scores.score_table(loop, of_real=False), text=2),
+                drawn("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
             ),
             section(
                 "Trained on real clouds, scored on simulated ones",
-                table(("scored on", *heads), score_cells(loop, of_real=True), text=2),
+                table(*scores.score_table(loop, of_real=True), text=2),
             ),
             section(
-                "The kinds of clouds", known + drawn("clouds", "One frame of the renderer, labelled cars in green")
+                "The kinds of clouds",
+                *(f"{kind}: {CLOUD_KINDS[kind][1]}." for kind in config.kinds),
+                drawn("clouds", "One frame of the renderer, labelled cars in green"),
             ),
             section(
                 "Why",
-                paragraph(WORDS)
-                + join_parts(check(title) for title in checks)
-                + drawn("intensity", "Intensity of the points, logarithmic")
-                + drawn("elsewhere", "Points on no object: range, height and intensity")
-                + drawn("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),
+                WORDS,
+                *map(check, checks),
+                drawn("intensity", "Intensity of the points, logarithmic"),
+                drawn("elsewhere", "Points on no object: range, height and intensity"),
+                drawn("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),
             ),
             section("One real frame", drawn("found", "What each detector finds (orange); labelled cars in green")),
             turned,
@@ -133,9 +122,7 @@ def turned_clouds(loop: Loop, real: Scene, detected: Mapping[str, Detected]) -> 
 
 def _panel(scene: Scene, span: tuple[float, ...], detected: Detected, *, title: str) -> Rgb:
     labelled = scene.boxes[scene.target]
-    return draw_above(
-        scene.points, span, detected=detected.boxes, score=detected.score, labelled=labelled, title=title, height=PANEL
-    )
+    return draw_above(scene.points, span, detected=detected, labelled=labelled, title=title, height=PANEL)
 
 
 def _grid(panels: Sequence[Rgb]) -> Rgb:

@@ -17,7 +17,7 @@ from jaxsim.files import read_entry, write_text
 from jaxsim.metrics.detection import DIFFICULTIES, PRINTED_COLUMNS, Curve
 from jaxsim.report.results import markdown_table
 from jaxsim.studies.real2sim2real import REAL, Loop
-from jaxsim.studies.real2sim2real.charts import Counts, check_text, plain_rows
+from jaxsim.studies.real2sim2real.charts import Counts, Table, check_text, cloud_measures
 
 Percent = Annotated[float, Ge(0), Le(100)]
 Paper = dict[str, dict[str, tuple[float, ...]]]
@@ -171,13 +171,14 @@ def discovered_effects(loop: Loop) -> str:
     return ", ".join(name for name, _ in SensorModel.load(loop.effects).effects) or "nothing"
 
 
-def score_cells(loop: Loop, *, of_real: bool) -> list[list[str]]:
-    """The rows of `score_rows` as text: ours, the paper's in brackets."""
+def score_table(loop: Loop, *, of_real: bool) -> Table:
+    """Heads, and the rows of `score_rows` as text: ours, the paper's in brackets."""
+    heads = ("scored on" if of_real else "trained on", "difficulty", "labels", *HEADS)
     lines = []
     for kind, difficulty, cells in score_rows(loop, of_real=of_real):
         labels = next((str(ours.labels) for ours, _ in cells if ours), "-")
         lines.append([kind, difficulty, labels, *(_cell(ours, theirs) for ours, theirs in cells)])
-    return lines
+    return heads, lines
 
 
 def _cell(ours: Average | None, theirs: float | None) -> str:
@@ -188,15 +189,14 @@ def _cell(ours: Average | None, theirs: float | None) -> str:
 
 def loop_tables(loop: Loop, counts: Counts) -> str:
     """Markdown: both tables of scores, ours (the paper's), and the checks of the clouds."""
-    heads = ("difficulty", "labels", *HEADS)
     return "\n\n".join(
         [
             answer(loop),
             f"The sensor was found to lack: {discovered_effects(loop)}.",
             f"Trained on a kind of cloud, scored on real ones; AP R40 of {loop.target}, last epochs (the paper's):",
-            markdown_table(("trained on", *heads), score_cells(loop, of_real=False)),
+            markdown_table(*score_table(loop, of_real=False)),
             "Trained on real clouds, scored on each kind:",
-            markdown_table(("scored on", *heads), score_cells(loop, of_real=True)),
+            markdown_table(*score_table(loop, of_real=True)),
             check_text(counts, loop.target),
         ]
     )
@@ -208,7 +208,7 @@ def plain_tables(loop: Loop, counts: Counts) -> dict[str, object]:
         "answer": answer(loop),
         "on_real": _plain_rows(loop, of_real=False),
         "of_real": _plain_rows(loop, of_real=True),
-        "clouds": plain_rows(counts, loop.target),
+        "clouds": cloud_measures(counts, loop.target),
     }
 
 

@@ -12,19 +12,9 @@ from jaxtyping import Float, Int
 from jaxsim.config import QUANTILES, SegmentationConfig
 from jaxsim.data.logs.range_images import RangeImage, class_names, read_range_images
 from jaxsim.files import read_arrays, read_entry, write_arrays, write_text
-from jaxsim.report.results import markdown_table, number_or_none
+from jaxsim.report.results import markdown_table
 from jaxsim.simulate.grain_fit import fit_intensity
-from jaxsim.studies.segmentation.networks import (
-    class_loss,
-    classify,
-    grain_scan,
-    of_segmentation,
-    of_sensor,
-    quantiles_of,
-    sensor_loss,
-    simulate,
-    train_network,
-)
+from jaxsim.studies.segmentation import networks
 
 INTENSITIES = ("none", "simulated", "measured")
 """Intensities that networks learn from, in the order of the table."""
@@ -87,25 +77,27 @@ class Study:
         config = self.config
         path = config.out / "intensity" / f"part{part}{'' if judged is None else f'_without{judged}'}.npz"
         if not path.is_file():
-            inputs = [of_sensor(image, self.classes) for image in self.images]
+            inputs = [networks.of_sensor(image, self.classes) for image in self.images]
             learned = self.others(part, judged)
             targets = [
                 {"intensity": self.images[i].intensity, "weight": self.images[i].valid.astype(np.float32)}
                 for i in learned
             ]
-            network = train_network(
+            network = networks.train_network(
                 [inputs[i] for i in learned],
                 targets,
-                sensor_loss,
+                networks.sensor_loss,
                 out_channels=len(QUANTILES) + 1,
                 steps=config.sensor_steps,
                 seed=0,
                 config=config,
             )
-            scans = (grain_scan(self.images[i], quantiles_of(network, inputs[i])) for i in learned)
+            scans = (networks.grain_scan(self.images[i], networks.quantiles_of(network, inputs[i])) for i in learned)
             grain = fit_intensity(scans) if config.grain else None
             own = self.own(part)
-            made = simulate(network, [inputs[i] for i in own], [self.images[i] for i in own], grain=grain, seed=part)
+            made = networks.simulate(
+                network, [inputs[i] for i in own], [self.images[i] for i in own], grain=grain, seed=part
+            )
             write_arrays(path, {"intensity": np.stack(made)})
         again = "delete it, and it is made anew"
         return [*read_arrays(path, by="segmentation", again=again, summed=True)["intensity"]]
@@ -131,19 +123,21 @@ class Study:
         count = np.bincount(np.concatenate([self.images[i].label.ravel() for i in chosen]), minlength=self.classes)
         rarity = (1 / np.sqrt(np.maximum(count, 1) / max(count[1:].sum(), 1))).astype(np.float32)
         rarity[0] = 0
-        inputs = [of_segmentation(self.images[i], x) for i, x in chosen.items()]
+        inputs = [networks.of_segmentation(self.images[i], x) for i, x in chosen.items()]
         targets = [{"label": self.images[i].label, "weight": rarity[self.images[i].label]} for i in chosen]
-        network = train_network(
+        network = networks.train_network(
             inputs,
             targets,
-            class_loss,
+            networks.class_loss,
             out_channels=self.classes,
             steps=self.config.steps,
             seed=seed,
             config=self.config,
         )
         judged = self.to_judge(part)
-        told = classify(network, [of_segmentation(image, image.intensity * (kind != "none")) for image in judged])
+        told = networks.classify(
+            network, [networks.of_segmentation(image, image.intensity * (kind != "none")) for image in judged]
+        )
         confusions = sum(confusion(image.label, guess, self.classes) for image, guess in zip(judged, told, strict=True))
         write_text(path, json.dumps({"confusion": np.asarray(confusions).tolist()}))
 
@@ -158,11 +152,8 @@ class Study:
 
     def plain(self) -> dict[str, object]:
         """All figures for JSON."""
-        return {
-            "iou": {kind: [[number_or_none(x) for x in row] for row in self.iou(kind)] for kind in INTENSITIES},
-            "mean": {kind: mean_iou(self.iou(kind)) for kind in INTENSITIES},
-            "worth": number_or_none(worth({kind: self.iou(kind) for kind in INTENSITIES})),
-        }
+        of = {kind: self.iou(kind) for kind in INTENSITIES}
+        return {"iou": of, "mean": {kind: mean_iou(iou) for kind, iou in of.items()}, "worth": worth(of)}
 
     def text(self) -> str:
         """Markdown: IoU a class and their mean, of each kind; what simulated intensity is worth."""

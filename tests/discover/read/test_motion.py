@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jaxsim.discover.read.registration import as_effects
 from tests.discover.made_register import found
 from tests.discover.rooms import registered, rooms, seen
 
@@ -43,9 +44,10 @@ def test_beams_that_all_point_half_a_degree_off_are_told_from_a_turned_sensor(li
 
 def test_what_the_effects_of_a_mounting_say_is_the_same_motion():
     one = found(np.array([0.1, 0, 0, 0, 0, 0.03]))
-    assert one.translation["x_m"] == pytest.approx(0.1, abs=0.02)
-    assert one.rotation["yaw_rad"] == pytest.approx(0.03, abs=1e-3)
-    assert one.rotation["roll_rad"] == pytest.approx(0, abs=1e-3)
+    assert one.motion[0] == pytest.approx(0.1, abs=0.02)
+    turned = as_effects(one.motion)["extrinsic_rotation"]
+    assert turned["yaw_rad"] == pytest.approx(0.03, abs=1e-3)
+    assert turned["roll_rad"] == pytest.approx(0, abs=1e-3)
 
 
 def test_sides_of_one_place_stay():

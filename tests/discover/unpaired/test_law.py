@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.unpaired.columns import curve
-from jaxsim.discover.unpaired.law import (
-    Block,
-    RandomEffects,
-    equations,
-    exchanged,
-    freedom,
-    lowered,
-    solve,
-)
+from jaxsim.discover.unpaired.law import Block, RandomEffects, equations, exchanged, freedom, lowered, solve
 
 
 def model(n=600, scenes=6, seed=0):

@@ -5,11 +5,9 @@ import pytest
 
 from benchmarks.blind.hidden.streets import make_unpaired
 from jaxsim.discover.scenes import difference_interval
-from jaxsim.discover.unpaired.lost import _borders, _bounded, _compared, _run, _sector, _Side, _single_rays, lost_rays
+from jaxsim.discover.unpaired.lost import _borders, _compared, _run, _sector, _Side, _single_rays, lost_rays
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.workflow import divide
-from jaxsim.discover.verdict import Interval
-from jaxsim.effects import EFFECTS
 from jaxsim.frame import PolarGrid
 from tests.discover.unpaired.made import SMALL
 
@@ -37,12 +35,6 @@ def test_the_interval_of_a_share_is_that_of_two_groups_of_scenes():
     assert p < 0.01
     assert (share.low, share.high) == difference_interval(measured, simulated)
     assert _compared(measured, measured)[0] > 0.3
-
-
-def test_a_share_stays_within_the_bounds_of_a_probability():
-    bounded = _bounded(Interval(0.1, -0.2, 2.0, "share of rays"), "packet_loss", "probability")
-    p = EFFECTS["packet_loss"].parameters["probability"]
-    assert (bounded.low, bounded.high) == (p.low, p.high)
 
 
 @pytest.mark.parametrize("first", [0, 40, 112])

@@ -37,7 +37,7 @@ def test_a_sensor_learns_from_neither_the_part_it_simulates_nor_the_judged_one(s
 
 def test_what_is_scored_is_not_scored_again(study, monkeypatch):
     monkeypatch.setattr(
-        "jaxsim.studies.segmentation.study.train_network", lambda *_, **__: pytest.fail("trained again")
+        "jaxsim.studies.segmentation.networks.train_network", lambda *_, **__: pytest.fail("trained again")
     )
     for kind in INTENSITIES:
         study.score(kind, 0, 0)
