@@ -24,6 +24,7 @@ from jaxsim.discover.model.null import fit_null, on_evidence
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, split_scenes
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
@@ -119,6 +120,9 @@ class Division:
             simulator = replace(simulator, free_contrast=True)
         # Not before: a ray that counts on neither side would look like one that the simulator lost.
         both = simulator.scan, measured
+        if simulator.noise.loss > RULES.usual_random_loss:
+            # Within surfaces its losses are put back; beside them a return may be of what it lost there.
+            both = seen_by_both(*both, same=np.asarray(simulator.scan.hit))
         if comparison.told is not None:
             both = seen_by_both(*both, same=comparison.told)
         if comparison.other_moments:

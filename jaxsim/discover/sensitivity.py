@@ -72,6 +72,8 @@ NEED = {
 """What to record, by the first covariate of an effect that stands here."""
 
 
+OF_BRIGHT = ("blooming",)
+"""Effects beside what the simulator has bright."""
 HeldAndFree = tuple[Float[Array, " b"], Float[Array, " b"]]
 
 
@@ -318,5 +320,6 @@ def unrelated(by_scene: Float[np.ndarray, " s"]) -> str | None:
 
 
 def of_ranges(effect: Effect) -> bool:
-    """Whether an effect can be told without intensities."""
-    return "intensity" not in effect.channels or "range" in effect.channels
+    """Whether an effect can be told without intensities: it changes others, and of no surfaces that the simulator has
+    bright."""
+    return effect.name not in OF_BRIGHT and ("intensity" not in effect.channels or "range" in effect.channels)

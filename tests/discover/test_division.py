@@ -8,7 +8,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.read import Comparison
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.scan import scan_of
-from tests.discover import rooms
+from tests.discover import noisy_street, rooms
 from tests.discover.toy import toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
@@ -78,3 +78,14 @@ def test_the_share_of_lost_rays_is_that_of_all():
     kept = np.asarray(one.hit)
     share = 1 - np.asarray(other.valid)[kept].mean()
     assert abs(share - 0.1) < 3 * np.sqrt(0.09 / kept.sum())
+
+
+@pytest.mark.parametrize(("loss", "told"), [(0.005, True), (0.08, False)])
+def test_of_what_a_simulator_that_loses_many_rays_reports_nothing_returns_tell_nothing(loss, told):
+    of = noisy_street.comparison({"loss": loss}, {"range_m": 0.01}, FRAMES)
+    division = Division.of(of)
+    assert (division.simulator.noise.loss > 0.02) is not told
+    # Rays at the border of the street, which no neighbours put back.
+    lost = ~np.asarray(division.scan.hit)
+    assert (np.asarray(of.measured.valid) & lost).any()
+    assert (np.asarray(division.measured.valid) & lost).any() == told

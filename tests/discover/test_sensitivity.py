@@ -185,5 +185,5 @@ def test_few_scenes_say_nothing():
 
 def test_effects_that_intensities_alone_show():
     left_out = {name for name, effect in EFFECTS.items() if not of_ranges(effect)}
-    assert {"saturation", "gamma_response", "specular_lobe", "window_contamination"} <= left_out
+    assert {"saturation", "gamma_response", "specular_lobe", "window_contamination", "blooming"} <= left_out
     assert not {"extrinsic_rotation", "fog_backscatter", "range_noise", "random_dropout"} & left_out
