@@ -35,6 +35,7 @@ from jaxsim.effects import EFFECTS
 from jaxsim.files import check_keys, read_json, real, write_text
 from jaxsim.frame import PolarImage
 from jaxsim.geometry.points import FAR_M
+from jaxsim.progress import counted
 
 Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
@@ -275,7 +276,7 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     )
     if len(table) < RULES.fewest_for_scatter:
         raise ValueError(
-            f"discover: {len(table)} scenes; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
+            f"discover: {counted(len(table), 'scene')}; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
             "does (frames of one drive share a scene in grid.json)"
         )
     return distances_of(table)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxsim.files import write_text
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
+from jaxsim.progress import counted
 
 Scores = Mapping[str, Mapping[str, Score]]
 """Predictor -> score's name -> score."""
@@ -124,7 +125,7 @@ def write_scores(
     if distribution:
         content["distribution"] = distribution
         distributed = [list_scores(distribution)]
-    text = [f"{len(frames)} frames", *tables, *by_scene, *distributed]
+    text = [counted(len(frames), "frame"), *tables, *by_scene, *distributed]
     write_results(folder, "scores", content, text="\n\n".join(text))
     return "\n\n".join([*tables, *distributed])
 

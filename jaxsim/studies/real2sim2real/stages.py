@@ -13,7 +13,6 @@ from pydantic import TypeAdapter
 
 from jaxsim.config import DetectorExperiment, Experiment, LoopConfig
 from jaxsim.data import open_dataset, select
-from jaxsim.data.select import frames_to_judge
 from jaxsim.detect.batches import in_range
 from jaxsim.detect.scenes import Scene
 from jaxsim.discover import discover_folders
@@ -27,6 +26,7 @@ from jaxsim.report.discovery import write_answer
 from jaxsim.report.pictures import Rgb
 from jaxsim.report.scenes import TurnedScene
 from jaxsim.report.words import verdict_sentence
+from jaxsim.runs.frames import judges_of, read_frames
 from jaxsim.runs.run import Checkpoints
 from jaxsim.simulate.sensor import load
 from jaxsim.simulate.sides import write_pairs
@@ -66,7 +66,7 @@ def discover_lacking(loop: Loop) -> None:
     sensor, out = load(loop.sensor), loop.effects.parent
     data = sensor.run.experiment.data
     dataset = open_dataset(data)
-    judged = frames_to_judge("", dataset, validation=data.validation)
+    judged = judges_of(read_frames(loop.sensor), dataset, frames="", validation=data.validation)
     simulated, measured = write_pairs(sensor, dataset, judged, out=out, log=_log.info)
     result = discover_folders(simulated=simulated, measured=measured, log=_log.info)
     page = write_answer(out, result)
