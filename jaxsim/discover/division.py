@@ -29,6 +29,7 @@ from jaxsim.discover.scenes import Split, split_scenes
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
+from jaxsim.frame import Array
 
 NOTHING_YET = SensorModel()
 """A sensor model without effects."""
@@ -50,8 +51,9 @@ def same_surfaces(scan: Scan, measured: Measured) -> tuple[Scan, Measured]:
     return seen_by_both(scan, measured, same=same)
 
 
-def seen_by_both(scan: Scan, measured: Measured, *, same: Bool[np.ndarray, "f r n"]) -> tuple[Scan, Measured]:
+def seen_by_both(scan: Scan, measured: Measured, *, same: Bool[Array, "f r n"]) -> tuple[Scan, Measured]:
     """Both sides (in host memory) with those rays alone; the others count as seen by neither."""
+    same = np.asarray(same)
     hit = np.asarray(scan.hit) & same
     slopes = np.where(hit[..., None], scan.slopes, 0).astype(np.float32)
     zeros = {name: np.where(hit, getattr(scan, name), 0) for name in ("range_m", "intensity", "incidence_rad")}
@@ -122,7 +124,7 @@ class Division:
         both = simulator.scan, measured
         if simulator.noise.loss > RULES.usual_random_loss:
             # Within surfaces its losses are put back; beside them a return may be of what it lost there.
-            both = seen_by_both(*both, same=np.asarray(simulator.scan.hit))
+            both = seen_by_both(*both, same=simulator.scan.hit)
         if comparison.told is not None:
             both = seen_by_both(*both, same=comparison.told)
         if comparison.other_moments:

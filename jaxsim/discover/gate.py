@@ -276,8 +276,8 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     )
     if len(table) < RULES.fewest_for_scatter:
         raise ValueError(
-            f"discover: {counted(len(table), 'scene')}; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
-            "does (frames of one drive share a scene in grid.json)"
+            f"discover: {counted(len(table), 'scene')}; a gate needs {RULES.fewest_for_scatter} or more to know what "
+            "chance does (frames of one drive share a scene in grid.json)"
         )
     return distances_of(table)
 
