@@ -188,12 +188,14 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             "noise of neighbouring readings does not grow as echoes weaken: what grows is what the simulator does not "
             "know of grazing surfaces and of the sensor's pose"
         )
-    by_range = [one for one in named_effects if (one.channels, one.covariates) == (("intensity",), ("range",))]
-    if by_range and len(np.unique(np.asarray(comparison.scan.semantic))) == 1:
+    by_place = [
+        one for one in named_effects if one.channels == ("intensity",) and {*one.covariates} <= {"range", "row"}
+    ]
+    if by_place and len(np.unique(np.asarray(comparison.scan.semantic))) == 1:
         lines.append(
-            f"{', '.join(one.plain_name for one in by_range)}: the simulated frames tell no classes. Where one "
-            "material stands near by and another far off in every scene, and the simulator has one of them too bright, "
-            "that looks the same; frames with `semantic` tell the two apart"
+            f"{', '.join(one.plain_name for one in by_place)}: the simulated frames tell no classes. Where one "
+            "material stands near by and another far off, or in the rows of some beams, in every scene, and the "
+            "simulator has one of them too bright, that looks the same; frames with `semantic` tell the two apart"
         )
     lines += [
         f"not confirmed on unseen scenes: {curve} explained the scenes that the search saw, but the judge scenes do "

@@ -70,13 +70,14 @@ def test_a_contrast_that_is_left_free_is_told():
     assert note.startswith("the sensor does not follow the simulator's contrast")
 
 
-def test_a_fall_with_the_range_is_told_to_be_doubtful_where_no_class_tells_surfaces_apart():
+def test_what_follows_range_or_rows_is_told_to_be_doubtful_where_no_class_tells_surfaces_apart():
     one_kind, classes = np.zeros((1, 2, 2), int), np.array([[[7, 7], [11, 0]]])
     fall, gain = step(candidate("atmospheric_extinction", 9)), step(candidate("beam_gain", 9))
     [note] = told(gain, fall, semantic=one_kind)
-    assert note.startswith("atmospheric_extinction: the simulated frames tell no classes")
+    assert note.startswith("beam_gain, atmospheric_extinction: the simulated frames tell no classes")
     assert told(gain, fall, semantic=classes) == ()
-    assert told(gain, semantic=one_kind) == ()
+    assert told(step(candidate("incidence_cosine", 9)), semantic=one_kind) == ()
+    assert told(step(candidate("range_offset", 9)), semantic=one_kind) == ()
 
 
 def test_what_a_control_put_in_place_is_told():
