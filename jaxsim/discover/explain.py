@@ -188,9 +188,8 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             "noise of neighbouring readings does not grow as echoes weaken: what grows is what the simulator does not "
             "know of grazing surfaces and of the sensor's pose"
         )
-    by_place = [
-        one for one in named_effects if one.channels == ("intensity",) and {*one.covariates} <= {"range", "row"}
-    ]
+    of_intensity = [one for one in named_effects if one.channels == ("intensity",)]
+    by_place = [one for one in of_intensity if one.covariates and {*one.covariates} <= {"range", "row"}]
     if by_place and len(np.unique(np.asarray(comparison.scan.semantic))) == 1:
         lines.append(
             f"{', '.join(one.plain_name for one in by_place)}: the simulated frames tell no classes. Where one "
