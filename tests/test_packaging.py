@@ -28,6 +28,20 @@ from tests.programs import PATIENCE_S, TINY
 
 ROOT = Path(__file__).parents[1]
 MOST_BYTES = 8_000_000
+FRAMES = ["--{0}.train=0,8", "--{0}.validation=16"]
+LOOP = [
+    "--kinds=simulated_grid",
+    *(flag.format(data) for data in ("intensity.data", "detector.data", "synthetic") for flag in FRAMES),
+    "--intensity.prepare.columns=64", "--intensity.prepare.network-size", "64", "128",
+    "--intensity.generator.filters=4", "--intensity.generator.blocks=1", "--intensity.generator.downsamples=1",
+    "--intensity.generator.enhancers=0", "--intensity.discriminator.filters=4", "--intensity.discriminator.scales=1",
+    "--intensity.discriminator.layers=1", "--intensity.optim.steps=2", "--intensity.optim.batch=2",
+    "--detector.optim.epochs=1", "--detector.voxels.max-voxels-train=2000", "--detector.voxels.max-voxels=2000",
+    "--detector.augment.sampled=0", "--detector.detector.train-proposals.after=16", "--detector.detector.roi.rois=8",
+    "--detector.detector.roi.grid=3", "--detector.detector.backbone.widths", "4", "4", "4", "4",
+    "--detector.detector.backbone.out=4",
+]  # fmt: skip
+"""Flags of a loop of two steps of a sensor and one epoch of detectors, on three frames a side."""
 NO_REGISTRY = ("No matching distribution", "Could not find a version", "Connection", "Temporary failure", "Network")
 
 
@@ -160,7 +174,13 @@ def test_the_packaged_sensor_simulates_frames(installed, work):
 def test_it_trains_and_scores_anywhere(installed, work):
     run(installed, work, "jaxsim", "train", "demo", *TINY)
     assert "network" in run(installed, work, "jaxsim", "eval", "runs/tiny")
-    assert "intensity" in run(installed, work, "jaxsim", "real2sim2real", "--help")
+
+
+@pytest.mark.slow
+def test_it_goes_from_real_to_simulated_and_back(installed, work):
+    run(installed, work, "jaxsim", "real2sim2real", "--out", "loop", *LOOP)
+    assert "simulated_grid" in (work / "loop" / "real2sim2real.md").read_text()
+    assert (work / "loop" / "real2sim2real.html").is_file()
 
 
 @pytest.mark.slow
