@@ -166,7 +166,7 @@ def test_the_readmes_lines_make_a_cloud_at_once(installed, work):
 @pytest.mark.slow
 def test_the_packaged_sensor_simulates_frames(installed, work):
     said = run(installed, work, "jaxsim", "simulate", "embedded", "--frames", "1920-1920", "--out", "simulated")
-    assert "1 frames simulated" in said
+    assert "1 frame simulated" in said
     assert len(list((work / "simulated" / "clouds").glob("*.pcd"))) == 1
 
 

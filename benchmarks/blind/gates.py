@@ -95,7 +95,7 @@ def colours(rows: Sequence[Row], simulator: str, rule: Callable[[Interval], floa
     told = []
     for row in own:
         thresholds = {name: rule(one) for name, one in before[row["seed"]].items()}
-        gate = Gate({name: most for name, most in thresholds.items() if most > 0}, frozenset(), None)
+        gate = Gate({name: most for name, most in thresholds.items() if most > 0}, frozenset(), {})
         told.append((row["effect"], colour_of(check_distances(gate, halves(row)[1]))))
     return told
 

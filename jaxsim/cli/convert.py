@@ -85,7 +85,7 @@ class Convert:
         if converter is None:
             known = [*CONVERTERS, NETWORK]
             raise ValueError(f"convert: no kind {self.kind!r}{guess(self.kind, known)} Known kinds: {', '.join(known)}")
-        if given := ["--to"] * (self.to != "npz") + ["--batch"] * (self.batch is not None):
+        if given := [f"--to {self.to}"] * (self.to != "npz") + ["--batch"] * (self.batch is not None):
             raise ValueError(
                 f"convert: {self.kind} are published weights, which become npz; {' and '.join(given)} is for {NETWORK}"
             )

@@ -182,7 +182,7 @@ def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work,
     (simulated / "clouds" / f"{name}.ply").unlink()
     before = {p: p.stat().st_mtime_ns for p in (simulated / "clouds").glob("*") if name not in p.name}
     second = told(*SIMULATE, "--frames", "4-6", "--out", "sim")
-    assert "1 frames simulated" in second
+    assert "1 frame simulated" in second
     assert "2 were there" in second
     assert "clouds.html turns the frames that were drawn" in second
     assert before == {p: p.stat().st_mtime_ns for p in before}
