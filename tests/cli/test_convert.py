@@ -46,7 +46,10 @@ def test_what_is_read_is_not_overwritten(vgg, tmp_path):
 
 def test_flags_of_a_runs_network_are_refused_of_published_weights(vgg, tmp_path):
     given = ["convert", "vgg19", str(vgg), "--out", str(tmp_path / "out.npz")]
-    for flags, named in ((["--batch", "2"], "--batch is"), (["--to", "onnx", "--batch", "2"], "--to and --batch is")):
+    for flags, named in (
+        (["--batch", "2"], "--batch is"),
+        (["--to", "onnx", "--batch", "2"], "--to onnx and --batch is"),
+    ):
         with pytest.raises(SystemExit, match=f"vgg19 are published weights, which become npz; {named} for generator"):
             main([*given, *flags])
     with pytest.raises(SystemExit, match=r"no kind 'vgg18'; did you mean vgg19\? Known kinds: vgg19, "):
