@@ -79,7 +79,7 @@ Priors and bounds, and where they are set
 
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.
 
-Order of imports: cast < kinds < noise_levels < smooth < contrast < simulator < evidence < noise < random_effects
+Order of imports: cast < noise_levels < kinds < smooth < contrast < simulator < evidence < noise < random_effects
 < likelihood < gradients < fit < null, which also has several effects in place and fits each beside the others.
 `parameters` and `minimum` import none of them.
 """

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex
+from jaxsim.discover.model.noise_levels import MOST_VALUES
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.learned import hats
 from jaxsim.effects.rays import FLOOR, Scan
@@ -53,7 +54,8 @@ def kinds_of(scan: Scan, index: RayIndex) -> Kinds:
     semantic = np.asarray(scan.semantic)
     classes = np.unique(semantic)
     hit = np.asarray(scan.hit)
-    levels = few_levels(np.asarray(scan.intensity)[hit], np.asarray(scan.incidence_rad)[hit])
+    few = slice(None, None, max(1, hit.sum() // MOST_VALUES))
+    levels = few_levels(np.asarray(scan.intensity)[hit][few], np.asarray(scan.incidence_rad)[hit][few])
     if len(classes) > 1 or levels is not None:
         kind = semantic if len(classes) > 1 else np.where(_ground(scan), 0, 1)
         names = {int(c): f"class {c}" if len(classes) > 1 else BARE[c] for c in np.unique(kind[index])}

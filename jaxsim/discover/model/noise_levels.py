@@ -32,7 +32,7 @@ NORMAL_QUANTILE = 0.31864
 BINS = 12
 """Bins of intensity, over which noise is told apart into a constant and a proportional part."""
 MOST_VALUES = 200_000
-"""Readings, evenly chosen, in which a lattice is looked for."""
+"""Readings, evenly chosen, in which a lattice, or a table of few values, is looked for."""
 
 
 def lattice_step(values: Float[np.ndarray, " n"], *, finest: float) -> float:
