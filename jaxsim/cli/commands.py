@@ -144,9 +144,9 @@ def find_command(name: str) -> Command:
     """The command of a name. Raises ValueError with the nearest name and all known ones where there is none."""
     if name in COMMANDS:
         return COMMANDS[name]
-    near = get_close_matches(name, COMMANDS, n=1)
-    guess = f"; did you mean {near[0]}?" if near else "."
-    raise ValueError(f"jaxsim: no command {name!r}{guess} Known commands: {', '.join(COMMANDS)}")
+    from jaxsim.files import guess  # waits, as what reads files imports much
+
+    raise ValueError(f"jaxsim: no command {name!r}{guess(name, COMMANDS)} Known commands: {', '.join(COMMANDS)}")
 
 
 def check_mode(words: Sequence[str]) -> None:

@@ -45,11 +45,8 @@ class Asked:
     """The simulator's contrast, where the sensor does not follow it."""
     unrelated: str | None
     """A note, where intensities of the two sides have nothing to do with each other; nothing is asked of them then."""
-
-    @property
-    def without(self) -> tuple[str, ...]:
-        """Channels of which nothing is asked."""
-        return ("intensity",) if self.unrelated else ()
+    without: tuple[str, ...]
+    """Channels of which nothing is asked."""
 
 
 def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
@@ -70,7 +67,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
         log(f"the sensor does not follow the simulator's contrast ({contrast.total:.0f} nats): all is asked beside it")
         placed = placed.with_free_contrast()
         answer, others = asked(placed)
-    return Asked(placed, tuple(catalogue), answer, others, contrast, note)
+    return Asked(placed, tuple(catalogue), answer, others, contrast, note, without)
 
 
 def sides_of(control: Control, simulated: Path, measured: Path) -> OtherSides:

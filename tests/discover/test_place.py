@@ -1,7 +1,5 @@
 """A comparison with the sensor where it stands: divided, with what is known in place, and what is left over found."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -42,7 +40,6 @@ def test_progress_tells_how_scenes_are_divided():
     scan, measured = toy(frames=10)
     names = tuple(f"{k}" for k in range(10))
     lines: list[str] = []
-    comparison = replace(Comparison(scan, measured, names, names), scan=scan)
-    placed = place(comparison, [], NOTHING_YET, log=lines.append)
+    placed = place(Comparison(scan, measured, names, names), [], NOTHING_YET, log=lines.append)
     assert lines == [f"7 scenes to find with, 3 to judge on: split {placed.division.parts.sha256}"]
     assert np.unique(placed.division.blocks.scene).tolist() == sorted(names)

@@ -6,7 +6,8 @@ explain it. So level ground and all else are told apart by their planes, and eac
 free curve of the albedo, as classes have a free level each. A simulator that gives each material one intensity, at any
 angle, shows its table as it is: each of these is a kind.
 
-Letters: b blocks, c columns, r rows of the rays that are looked at; f frames of n columns; k kinds.
+Letters: b blocks, c columns, r rows of the rays that are looked at; f frames of n columns; k kinds; l intensities of a
+table.
 """
 
 from __future__ import annotations
@@ -30,8 +31,6 @@ KNOT_QUANTILES = (0.05, 0.35, 0.65, 0.95)
 """Quantiles of ln albedo: knots of the free curve."""
 LEAST_APART = 0.1
 """Nats between knots, at least; where all albedos are alike one knot is left."""
-Levels = Float[np.ndarray, " k"]
-"""The intensities that a simulator gives."""
 BARE = ("ground", "other surfaces")
 """Names of the kinds where all surfaces are of one class."""
 COARSEST_STEP, FILLED = 0.02, 0.5
@@ -79,7 +78,7 @@ def _by_level(
     kind: Int[np.ndarray, "b c r"],
     *,
     intensity: Float[np.ndarray, "b c r"],
-    levels: Levels | None,
+    levels: Float[np.ndarray, " l"] | None,
 ) -> Kinds:
     """Kinds with a column each; where there are `levels`, one for each that a kind has."""
     told: list[str] = []
@@ -97,7 +96,9 @@ def _by_level(
     return Kinds(tuple(told), np.stack(shares, axis=-1).astype(np.float32))
 
 
-def few_levels(intensity: Float[np.ndarray, " n"], incidence_rad: Float[np.ndarray, " n"]) -> Levels | None:
+def few_levels(
+    intensity: Float[np.ndarray, " n"], incidence_rad: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " l"] | None:
     """The intensities of a simulator that gives each material one, whatever the angle; None where nearly all rays do
     not read one of a few, or these are the steps of a rounding, or each is one angle's."""
     values, level, count = np.unique(

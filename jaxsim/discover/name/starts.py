@@ -154,7 +154,8 @@ def _wave(problem: Problem) -> tuple[Start, ...]:
     r = ev.rays.range_m[told]
     off = (ev.range_m - ev.rays.reading_m)[told]
     near = np.abs(off) < OF_A_WAVE_M
-    if near.sum() < RULES.fewest_residuals:
+    # Both sides may have the very ranges, as beside Lambert's law on the measured ones.
+    if near.sum() < RULES.fewest_residuals or np.ptp(off[near]) == 0:
         return ()
     r, off = r[near], off[near]
     off = off - off.mean()

@@ -57,6 +57,10 @@ def test_a_wave_along_the_range_has_the_length_and_the_phase_that_errors_have(pr
     assert np.hypot(start["sine_m"], start["cosine_m"]) == pytest.approx(np.hypot(0.03, 0.02), rel=0.3)
 
 
+def test_ranges_that_are_the_same_on_both_sides_have_no_wave(problem):
+    assert "cyclic_range_error" not in starts_of(changed(problem, range_m=problem.ev.rays.reading_m))
+
+
 def test_a_hidden_sector_is_where_all_frames_lose(problem):
     ev = problem.ev
     azimuth = np.asarray(ev.rays.azimuth_rad)
