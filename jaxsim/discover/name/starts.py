@@ -8,7 +8,7 @@ that is not, and no frames know it better.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -76,19 +76,46 @@ def _gate(problem: Problem) -> tuple[Start, ...]:
 def _sector(problem: Problem) -> tuple[Start, ...]:
     """Sectors in which nearly every ray is lost, of all rows and of those below the elevation up to which one is told
     best."""
-    ev = problem.ev
-    hit = ev.rays.hit
-    azimuth, elevation = ev.rays.azimuth_rad[hit], ev.rays.elevation_rad[hit]
-    lost = ~ev.returned[hit]
-    if not len(lost):
+    cells = Cells.of(problem)
+    if not len(cells.hits):
         return ()
     closed = bool(spans_turn(problem.scan.grid))
-    starts = _hidden(azimuth, lost, closed=closed)
-    below = _hidden_below(_bins(azimuth, closed=closed), elevation, lost)
+    starts = _hidden(cells, closed=closed)
+    below = _hidden_below(cells, closed=closed)
     if below is not None:
-        low = elevation < below
-        starts += tuple(start | {"below_rad": below} for start in _hidden(azimuth[low], lost[low], closed=closed))
+        low = cells.where(cells.elevation < below)
+        starts += tuple(start | {"below_rad": below} for start in _hidden(low, closed=closed))
     return starts
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of the grid in which any ray of the frames hits something: fits look at few columns of a frame, and the
+    borders of a sector lie anywhere between two of these."""
+
+    azimuth: Float[np.ndarray, " n"]
+    elevation: Float[np.ndarray, " n"]
+    hits: Int[np.ndarray, " n"]
+    lost: Int[np.ndarray, " n"]
+
+    @classmethod
+    def of(cls, problem: Problem) -> Cells:
+        """The cells of a problem's frames."""
+        hits, lost = np.asarray(problem.ev.cell_hits), np.asarray(problem.ev.cell_lost)
+        grid = problem.scan.grid
+        azimuth = np.broadcast_to(np.asarray(grid.azimuth_rad, float), hits.shape)
+        elevation = np.broadcast_to(np.asarray(grid.elevation_rad, float)[:, None], hits.shape)
+        seen = hits > 0
+        return cls(azimuth[seen], elevation[seen], hits[seen], lost[seen])
+
+    def where(self, keep: Bool[np.ndarray, " n"]) -> Cells:
+        """Some of the cells."""
+        return Cells(self.azimuth[keep], self.elevation[keep], self.hits[keep], self.lost[keep])
+
+    @property
+    def nats(self) -> Float[np.ndarray, " n"]:
+        """By how much each cell speaks for being hidden."""
+        return self.lost * LOST_SAYS + (self.hits - self.lost) * RETURNED_SAYS
 
 
 def _bins(azimuth: Float[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, " n"]:
@@ -97,16 +124,15 @@ def _bins(azimuth: Float[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, 
     return bins % TURN_BINS if closed else bins - bins.min()
 
 
-def _hidden_below(
-    azimuth_bin: Int[np.ndarray, " n"], elevation: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"]
-) -> float | None:
+def _hidden_below(cells: Cells, *, closed: bool) -> float | None:
     """The elevation below which bins of azimuth are hidden most surely; None where it is no row's, or nothing is."""
-    rows, at = np.unique(elevation, return_inverse=True)
+    azimuth_bin = _bins(cells.azimuth, closed=closed)
+    rows, at = np.unique(cells.elevation, return_inverse=True)
     shape = (azimuth_bin.max() + 1, len(rows))
     # Rays and lost rays of each bin up to each elevation.
     cell = azimuth_bin * shape[1] + at
-    count = np.cumsum(np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape), axis=1)
-    gone = np.cumsum(np.bincount(cell, lost, shape[0] * shape[1]).reshape(shape), axis=1)
+    count = np.cumsum(np.bincount(cell, cells.hits, shape[0] * shape[1]).reshape(shape), axis=1)
+    gone = np.cumsum(np.bincount(cell, cells.lost, shape[0] * shape[1]).reshape(shape), axis=1)
     nats = gone * LOST_SAYS + (count - gone) * RETURNED_SAYS
     told = np.where(gone > RULES.hidden_share * count, nats, 0).sum(0)
     best = int(told.argmax())
@@ -115,13 +141,14 @@ def _hidden_below(
     return float(rows[best : best + 2].mean())
 
 
-def _hidden(azimuth: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"], *, closed: bool) -> tuple[Start, ...]:
+def _hidden(cells: Cells, *, closed: bool) -> tuple[Start, ...]:
     """The longest run of bins of azimuth in which nearly every ray is lost, up to the rays at its borders, and sectors
     about as wide; nothing where no bin is hidden."""
+    azimuth = cells.azimuth
     azimuth_bin = _bins(azimuth, closed=closed)
-    count = np.bincount(azimuth_bin)
+    count = np.bincount(azimuth_bin, cells.hits)
     seen = np.flatnonzero(count)
-    hidden = np.bincount(azimuth_bin, lost)[seen] > RULES.hidden_share * count[seen]
+    hidden = np.bincount(azimuth_bin, cells.lost)[seen] > RULES.hidden_share * count[seen]
     if not hidden.any():
         return ()
     run = longest_run(hidden, closed=closed)
@@ -130,19 +157,19 @@ def _hidden(azimuth: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"], *, c
     first = -np.pi if closed else np.floor((azimuth.min() + np.pi) / BIN_RAD) * BIN_RAD - np.pi
     middle = float(((seen[place] + TURN_BINS * turn).mean() + 0.5) * BIN_RAD + first)
     away = within_turn(azimuth - middle) if closed else azimuth - middle
-    right = float(np.mean(_border(away[away >= 0], lost[away >= 0])))
-    left = -float(np.mean(_border(-away[away < 0], lost[away < 0])))
+    right = float(np.mean(_border(away[away >= 0], cells.nats[away >= 0])))
+    left = -float(np.mean(_border(-away[away < 0], cells.nats[away < 0])))
     width = right - left
     middle = within_turn(middle + (left + right) / 2)
     return tuple({"azimuth_rad": middle, "width_rad": share * width} for share in (0.7, 1.0, 1.4))
 
 
-def _border(away: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"]) -> tuple[float, float]:
+def _border(away: Float[np.ndarray, " n"], nats: Float[np.ndarray, " n"]) -> tuple[float, float]:
     """The last place that is likelier hidden than not, on the way outward, and the next one."""
     if not len(away):
         return 0.0, 0.0
     order = np.argsort(away)
-    last = away[order][np.cumsum(np.where(lost[order], LOST_SAYS, RETURNED_SAYS)).argmax()]
+    last = away[order][np.cumsum(nats[order]).argmax()]
     beyond = away[away > last]
     return float(last), float(beyond.min() if len(beyond) else last)
 
@@ -185,17 +212,14 @@ def _wave(problem: Problem) -> tuple[Start, ...]:
 
 
 def sector_between(problem: Problem, values: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Between which values the parameters of a hidden sector lie, by the rays next to its borders."""
-    ev = jax.tree.map(np.asarray, problem.ev)
-    hit = ev.rays.hit
-    lost = ~ev.returned[hit]
-    up = ev.rays.elevation_rad[hit] - float(values["below_rad"])
-    away = within_turn(ev.rays.azimuth_rad[hit] - float(values["azimuth_rad"]))
-    low, inside = up < 0, np.abs(away) < float(values["width_rad"]) / 2
-    right = _border(away[low & (away >= 0)], lost[low & (away >= 0)])
-    left = _border(-away[low & (away < 0)], lost[low & (away < 0)])
+    """Between which values the parameters of a hidden sector lie, by the cells next to its borders."""
+    cells = Cells.of(problem)
+    away = within_turn(cells.azimuth - float(values["azimuth_rad"]))
+    low, inside = cells.elevation < float(values["below_rad"]), np.abs(away) < float(values["width_rad"]) / 2
+    right = _border(away[low & (away >= 0)], cells.nats[low & (away >= 0)])
+    left = _border(-away[low & (away < 0)], cells.nats[low & (away < 0)])
     # What lies lowest comes first.
-    top = _border(ev.rays.elevation_rad[hit][inside], lost[inside])
+    top = _border(cells.elevation[inside], cells.nats[inside])
     middle = float(values["azimuth_rad"])
     return {
         "azimuth_rad": (middle + (right[0] - left[1]) / 2, middle + (right[1] - left[0]) / 2),

@@ -223,7 +223,7 @@ class JudgeFrame:
 
     name: str
     scene: str
-    """Empty where it holds several: sectors of one drive."""
+    """Empty where it holds several: sectors of a drive."""
     row: Int[np.ndarray, " n"]
     column: Int[np.ndarray, " n"]
     range_m: Float[np.ndarray, " n"]
