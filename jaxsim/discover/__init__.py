@@ -14,6 +14,7 @@ Files in the order in which the data meets them:
 
     read                         two folders, checked and put side by side; where the sensor stood
     mounting                     what of that is put in place before anything else is asked
+    other_surfaces               rays that meet a surface which one side alone has
     division                     find and judge scenes, and the null model that all that is found stands on
     few_drives                   what is bound to directions, which sectors of few drives cannot show
     covariates, find             on what the disagreement depends

@@ -16,12 +16,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, seeing, with_planes
-from jaxsim.discover.model.evidence import Evidence, Measured, gather, near_enough
+from jaxsim.discover.model.evidence import Evidence, Measured, gather
 from jaxsim.discover.model.fit import Chain, Problem
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import Levels, on_lattices
 from jaxsim.discover.model.null import fit_null, on_evidence
 from jaxsim.discover.model.simulator import Meant, meant
+from jaxsim.discover.other_surfaces import USUALLY_APART, in_words, same_surfaces, seen_by_both, surfaces_apart
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.rules import RULES
@@ -29,45 +30,12 @@ from jaxsim.discover.scenes import Split, split_scenes
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
-from jaxsim.frame import Array
 
 NOTHING_YET = SensorModel()
 """A sensor model without effects."""
 UNKNOWN_BETWEEN = 0.03
 """Share of readings between two surfaces, of the rays beside a step of frames that were cast again: a surface goes on
 between the directions in which it was rendered, and how is in no frame."""
-
-
-def same_surfaces(scan: Scan, measured: Measured) -> tuple[Scan, Measured]:
-    """Both sides (in host memory) without the rays whose ranges are of different surfaces: between two moments things
-    move and come out from behind others, which no effect of a sensor should explain. They count as seen by neither.
-
-    A ray is kept by what its neighbours say, not by whether it returned itself: where both sides see one surface to
-    both sides of it, a ray that did not return was lost, and the share of these is that of all rays there.
-    """
-    hit, valid = np.asarray(scan.hit), np.asarray(measured.valid)
-    agree = hit & valid & np.asarray(near_enough(measured.range_m, scan.range_m))
-    same = hit & _amid(agree) & (agree | ~valid)
-    return seen_by_both(scan, measured, same=same)
-
-
-def seen_by_both(scan: Scan, measured: Measured, *, same: Bool[Array, "f r n"]) -> tuple[Scan, Measured]:
-    """Both sides (in host memory) with those rays alone; the others count as seen by neither."""
-    same = np.asarray(same)
-    hit = np.asarray(scan.hit) & same
-    slopes = np.where(hit[..., None], scan.slopes, 0).astype(np.float32)
-    zeros = {name: np.where(hit, getattr(scan, name), 0) for name in ("range_m", "intensity", "incidence_rad")}
-    one = replace(scan, hit=hit, slopes=slopes, **{k: v.astype(np.float32) for k, v in zeros.items()})
-    # Where neither hits anything there is nothing to be of another moment.
-    return one, replace(measured, valid=np.asarray(measured.valid) & same)
-
-
-def _amid(agreed: np.ndarray) -> np.ndarray:
-    """Whether both neighbours of a ray, in its row or in its column, agree."""
-    wide = np.pad(agreed, ((0, 0), (1, 1), (1, 1)))
-    beside = wide[:, 1:-1, :-2] & wide[:, 1:-1, 2:]
-    above = wide[:, :-2, 1:-1] & wide[:, 2:, 1:-1]
-    return beside | above
 
 
 def seeing_hidden(chosen: Blocks, parts: Split, *, scan: Scan, measured: Measured) -> Blocks:
@@ -101,6 +69,8 @@ class Division:
     """Of the frames; a block's are `blocks.scene`, which are sectors where all frames are of few drives."""
     control: Control = NO_CONTROL
     """What the simulator lacks by itself, before all that is known of the sensor."""
+    left_out: str = ""
+    """What is left out, for one side alone has the surface that is there, in words."""
 
     @classmethod
     def of(
@@ -130,6 +100,7 @@ class Division:
             simulator = replace(simulator, free_contrast=True)
         # Not before: a ray that counts on neither side would look like one that the simulator lost.
         both = simulator.scan, measured
+        left_out = ""
         if simulator.noise.loss > RULES.usual_random_loss:
             # Within surfaces its losses are put back; beside them a return may be of what it lost there.
             both = seen_by_both(*both, same=simulator.scan.hit)
@@ -137,6 +108,9 @@ class Division:
             both = seen_by_both(*both, same=comparison.told)
         if comparison.other_moments:
             both = same_surfaces(*both)
+        elif (apart := surfaces_apart(*both)).mean() > USUALLY_APART:
+            left_out = in_words(apart, both[0])
+            both = seen_by_both(*both, same=~apart)
         both_scan, measured = jax.tree.map(jnp.asarray, both)
         simulator = replace(simulator, scan=both_scan)
         given, ranges = simulator.scan, simulator.ranges
@@ -158,6 +132,7 @@ class Division:
             names=comparison.names,
             scenes=comparison.scenes,
             control=comparison.control,
+            left_out=left_out,
         )
 
     def looking_at(self, chosen: Blocks) -> Division:

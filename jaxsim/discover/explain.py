@@ -169,6 +169,12 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             "fine as these is part of it): surfaces were made smooth, and compared is what the simulator means; "
             "effects count by what they explain between surfaces, ranges and angles. Frames without noise tell more"
         )
+    if division.left_out:
+        lines.append(
+            f"{division.left_out} met a surface that one side alone has: neighbouring rays read nearly the same, and "
+            "not what is simulated there. Kerbs, vehicles or plants that the other side lacks, or has elsewhere, do "
+            "that; such rays are left out, for no effect of a sensor explains them"
+        )
     if comparison.control is not NO_CONTROL:
         lacks = ", ".join(comparison.control.model.names) or "nothing"
         lines.append(

@@ -1,14 +1,15 @@
 """Blocks know their scene, scenes are divided once, and find scenes alone are fitted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from jaxsim.discover.division import NOTHING_YET, AllScenes, Division, NullModel, same_surfaces
+from jaxsim.discover.division import NOTHING_YET, AllScenes, Division, NullModel
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.read import Comparison
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.scan import scan_of
-from tests.discover import noisy_street, rooms
+from tests.discover import noisy_street
 from tests.discover.toy import toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
@@ -51,35 +52,6 @@ def test_known_effects_are_in_place(division):
     np.testing.assert_allclose(lost, np.log(0.75), rtol=1e-5)
 
 
-def test_what_moved_is_seen_by_neither_side_and_a_lost_ray_stays_lost():
-    streets = rooms.rooms(2)
-    scan = scan_of(rooms.GRID, [rooms.seen(room) for room in streets])
-    measured = rooms.measured_of([rooms.seen(room) for room in streets])
-    moving = np.zeros(scan.hit.shape, bool)
-    moving[:, 4:12, 20:30] = True
-    measured.range_m[moving] -= 2
-    measured.valid[0, 15, 100] = False
-    one, other = same_surfaces(scan, measured)
-    assert not one.hit[moving].any()
-    assert not other.valid[moving].any()
-    assert one.hit[0, 15, 100]
-    assert not other.valid[0, 15, 100]
-    # A ray in a corner of the image has no two neighbours.
-    assert (~one.hit[~moving]).sum() == 2 * 4
-
-
-def test_the_share_of_lost_rays_is_that_of_all():
-    scan = scan_of(rooms.GRID, [rooms.seen(room) for room in rooms.rooms(6)])
-    measured = rooms.measured_of([rooms.seen(room) for room in rooms.rooms(6)])
-    lost = np.random.default_rng(0).random(scan.hit.shape) < 0.1
-    measured.range_m[:, 4:12, 20:60] -= 2
-    measured.valid[lost] = False
-    one, other = same_surfaces(scan, measured)
-    kept = np.asarray(one.hit)
-    share = 1 - np.asarray(other.valid)[kept].mean()
-    assert abs(share - 0.1) < 3 * np.sqrt(0.09 / kept.sum())
-
-
 @pytest.mark.parametrize(("loss", "told"), [(0.005, True), (0.08, False)])
 def test_of_what_a_simulator_that_loses_many_rays_reports_nothing_returns_tell_nothing(loss, told):
     of = noisy_street.comparison({"loss": loss}, {"range_m": 0.01}, FRAMES)
@@ -89,3 +61,16 @@ def test_of_what_a_simulator_that_loses_many_rays_reports_nothing_returns_tell_n
     lost = ~np.asarray(division.scan.hit)
     assert (np.asarray(of.measured.valid) & lost).any()
     assert (np.asarray(division.measured.valid) & lost).any() == told
+
+
+@pytest.mark.parametrize("columns", [0, 40])
+def test_a_surface_that_the_simulator_lacks_is_left_out_and_said(columns):
+    of = noisy_street.comparison({}, {"range_m": 0.01}, FRAMES)
+    box = np.zeros(of.scan.hit.shape, bool)
+    box[:, 10:16, 100 : 100 + columns] = True
+    nearer = np.where(box, 3.0, of.measured.range_m).astype(np.float32)
+    division = Division.of(replace(of, measured=replace(of.measured, range_m=nearer)))
+    assert bool(division.left_out) is (columns > 0)
+    valid = np.asarray(division.measured.valid)
+    assert not valid[box].any()
+    np.testing.assert_array_equal(valid[~box], of.measured.valid[~box])

@@ -1,0 +1,120 @@
+"""Rays that meet other surfaces on the two sides: no effect of a sensor should explain them.
+
+A simulated street lacks things that the real one has, and the reverse: kerbs, a parked car, one that is a box; and
+between two moments things move. Where one side alone has a surface, readings lie before or behind what is simulated, as
+those of fog do. But fog returns ray by ray, at ranges of its own, while neighbouring rays that meet a surface read
+nearly the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxsim.data.cityscapes import IDS, NAMES
+from jaxsim.discover.model.evidence import Measured, near_enough
+from jaxsim.effects.rays import Scan
+from jaxsim.frame import Array
+
+BY_CHANCE = 0.1
+"""Share of the rays that have a neighbour alike, up to which one may be alike by chance."""
+MOST = 3
+"""Classes that are named."""
+NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+"""Rows and columns by which the four neighbours of a ray lie off."""
+BLOOMING_RAD = 0.16
+"""How far from a very bright target glare may be read: twice the largest radius of `blooming`."""
+USUALLY_APART = 0.003
+"""Share of the rays up to which surfaces of one side alone are left where they are: beside edges chance makes as many,
+0.13 % at most on single effects of the development cases."""
+
+
+def seen_by_both(scan: Scan, measured: Measured, *, same: Bool[Array, "f r n"]) -> tuple[Scan, Measured]:
+    """Both sides (in host memory) with those rays alone; the others count as seen by neither."""
+    same = np.asarray(same)
+    hit = np.asarray(scan.hit) & same
+    slopes = np.where(hit[..., None], scan.slopes, 0).astype(np.float32)
+    zeros = {name: np.where(hit, getattr(scan, name), 0) for name in ("range_m", "intensity", "incidence_rad")}
+    one = replace(scan, hit=hit, slopes=slopes, **{k: v.astype(np.float32) for k, v in zeros.items()})
+    # Where neither hits anything there is nothing to be of another moment.
+    return one, replace(measured, valid=np.asarray(measured.valid) & same)
+
+
+def same_surfaces(scan: Scan, measured: Measured) -> tuple[Scan, Measured]:
+    """Both sides (in host memory) without the rays whose ranges are of different surfaces: between two moments things
+    move and come out from behind others, which no effect of a sensor should explain. They count as seen by neither.
+
+    A ray is kept by what its neighbours say, not by whether it returned itself: where both sides see one surface to
+    both sides of it, a ray that did not return was lost, and the share of these is that of all rays there.
+    """
+    hit, valid = np.asarray(scan.hit), np.asarray(measured.valid)
+    agree = hit & valid & np.asarray(near_enough(measured.range_m, scan.range_m))
+    same = hit & _amid(agree) & (agree | ~valid)
+    return seen_by_both(scan, measured, same=same)
+
+
+def surfaces_apart(scan: Scan, measured: Measured) -> Bool[np.ndarray, "f r n"]:
+    """The rays that met a surface which one side alone has, of frames of one moment: they and a neighbour of theirs
+    read nearly the same, and neither what is simulated there or right beside. Where rays a quarter of the frame away
+    read the same often, too, as in fog, it must be two neighbours, or one that has two.
+
+    Beside edges a reading is of the surface next to it, as of a sensor that is turned, and around very bright targets
+    it may be of these: such rays stay, and so do single ones.
+    """
+    hit, valid = np.asarray(scan.hit), np.asarray(measured.valid)
+    range_m, read_m = np.asarray(scan.range_m), np.asarray(measured.range_m)
+    known = hit & np.asarray(near_enough(read_m, range_m))
+    for rows in (-1, 0, 1):
+        for columns in (-1, 0, 1):
+            aside_m = shifted(range_m, rows, columns)
+            known |= shifted(hit, rows, columns) & np.asarray(near_enough(read_m, aside_m))
+    glare = np.asarray(near_enough(read_m, scan.glare_m)) & (np.asarray(scan.glare_rad) < BLOOMING_RAD)
+    off = valid & ~known & ~glare
+    alike = _alike(off, read_m, off, read_m)
+    some = np.any(alike, axis=0)
+    far = np.any(_alike(off, read_m, *(np.roll(one, off.shape[2] // 4, axis=2) for one in (off, read_m))), axis=0)
+    if far.sum() <= BY_CHANCE * some.sum():
+        apart = some
+    else:
+        core = np.sum(alike, axis=0) >= 2
+        apart = core | np.any([one & shifted(core, *by) for one, by in zip(alike, NEIGHBOURS, strict=True)], axis=0)
+    # Of what is lost amid such a surface nothing is known either.
+    amid = np.sum([shifted(apart, *by) for by in NEIGHBOURS], axis=0) >= 2
+    return apart | (amid & ~valid)
+
+
+def _alike(
+    off: Bool[np.ndarray, "f r n"],
+    read_m: Float[np.ndarray, "f r n"],
+    others_off: Bool[np.ndarray, "f r n"],
+    others_m: Float[np.ndarray, "f r n"],
+) -> list[Bool[np.ndarray, "f r n"]]:
+    """For each of the four neighbours, whether a ray and it, in the other frames, are both off and read the same."""
+    return [
+        off & shifted(others_off, *by) & np.asarray(near_enough(read_m, shifted(others_m, *by))) for by in NEIGHBOURS
+    ]
+
+
+def in_words(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> str:
+    """How many rays are of surfaces that one side alone has, and of which classes most."""
+    share = apart.sum() / max((apart | np.asarray(scan.hit)).sum(), 1)
+    semantic = np.asarray(scan.semantic)
+    classes = [one for one in np.unique(semantic) if one != IDS["unlabeled"]]
+    of_class = {NAMES[int(one)]: float(apart[semantic == one].mean()) for one in classes}
+    most = [f"{of_class[name]:.0%} of {name}" for name in sorted(of_class, key=of_class.__getitem__)[: -MOST - 1 : -1]]
+    where = f" ({', '.join(most)})" if most else ""
+    return f"{share:.1%} of the rays{where}"
+
+
+def shifted(of: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """The value of the ray so many rows and columns further on (f r n), 0 beyond the border."""
+    wide = np.pad(of, ((0, 0), (1, 1), (1, 1)))
+    return wide[:, 1 + rows : wide.shape[1] - 1 + rows, 1 + columns : wide.shape[2] - 1 + columns]
+
+
+def _amid(agreed: np.ndarray) -> np.ndarray:
+    """Whether both neighbours of a ray, in its row or in its column, agree."""
+    right, left, below, above = [shifted(agreed, *by) for by in NEIGHBOURS]
+    return (right & left) | (below & above)
