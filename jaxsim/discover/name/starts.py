@@ -20,8 +20,6 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.places import longest_run, spans_turn, within_turn
 
-LOST_SAYS, RETURNED_SAYS = np.log(90.0), np.log(0.1)
-"""Nats by which a ray speaks for being hidden: of those that are, nine of ten are lost, of others one of a hundred."""
 PAST_M = (0.02, 0.05, 0.1)
 """How far past a border between lost and returned rays a gate may lie."""
 BIN_RAD = np.deg2rad(1.0)
@@ -30,8 +28,6 @@ TURN_BINS = 360
 """Bins of a turn."""
 SLICE_M = 0.02
 """Slices of the range in which a wave is looked for: a sixth of the shortest."""
-OF_A_WAVE_M = 0.4
-"""Errors beyond this are of another surface, and no wave's."""
 WAVES = 3
 """Waves of different lengths that fits begin at."""
 
@@ -55,6 +51,11 @@ def _ceiling(problem: Problem) -> tuple[Start, ...]:
     return ({"ceiling": top},) if piled and top < 1 else ()
 
 
+def _speaks_for_hidden(lost: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Nats by which each ray speaks for being hidden."""
+    return np.where(lost, RULES.lost_says_nats, RULES.returned_says_nats)
+
+
 def _gate(problem: Problem) -> tuple[Start, ...]:
     ev = problem.ev
     smooth = ev.rays.hit & ~ev.edge
@@ -65,7 +66,7 @@ def _gate(problem: Problem) -> tuple[Start, ...]:
         # From the end at which rays are lost, the border lies where the log-likelihood ratio of `gate here` to `no
         # gate` is largest: a cumulative sum.
         order = np.argsort(sign * r)
-        score = np.cumsum(np.where(lost[order], LOST_SAYS, RETURNED_SAYS))
+        score = np.cumsum(_speaks_for_hidden(lost[order]))
         score = score[: int(np.argmax(score < -RULES.gate_nats)) or None]  # returns have begun
         if len(score) and score.max() > RULES.gate_nats:
             border = float(r[order][int(score.argmax())])
@@ -107,7 +108,7 @@ def _hidden_below(
     cell = azimuth_bin * shape[1] + at
     count = np.cumsum(np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape), axis=1)
     gone = np.cumsum(np.bincount(cell, lost, shape[0] * shape[1]).reshape(shape), axis=1)
-    nats = gone * LOST_SAYS + (count - gone) * RETURNED_SAYS
+    nats = gone * RULES.lost_says_nats + (count - gone) * RULES.returned_says_nats
     told = np.where(gone > RULES.hidden_share * count, nats, 0).sum(0)
     best = int(told.argmax())
     if best + 1 >= len(told) or told[best] <= RULES.gate_nats:
@@ -142,7 +143,7 @@ def _border(away: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"]) -> tupl
     if not len(away):
         return 0.0, 0.0
     order = np.argsort(away)
-    last = away[order][np.cumsum(np.where(lost[order], LOST_SAYS, RETURNED_SAYS)).argmax()]
+    last = away[order][np.cumsum(_speaks_for_hidden(lost[order])).argmax()]
     beyond = away[away > last]
     return float(last), float(beyond.min() if len(beyond) else last)
 
@@ -153,7 +154,7 @@ def _wave(problem: Problem) -> tuple[Start, ...]:
     told = ev.smooth & ev.rays.hit
     r = ev.rays.range_m[told]
     off = (ev.range_m - ev.rays.reading_m)[told]
-    near = np.abs(off) < OF_A_WAVE_M
+    near = np.abs(off) < RULES.wave_most_m
     # Both sides may have the very ranges, as beside Lambert's law on the measured ones.
     if near.sum() < RULES.fewest_residuals or np.ptp(off[near]) == 0:
         return ()

@@ -104,7 +104,7 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
     # A knot counts for the rays about it; the 1 keeps knots without any from being free.
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
     # A few rays far off do not make a bend of the others a wave.
-    span = float(np.subtract(*np.quantile(x, [1 - OUTER, OUTER])))
+    span = float(np.subtract(*np.quantile(x, [1 - RULES.outer_rays, RULES.outer_rays])))
     character, formula = shape_of(grid, y, weight, dependence=dependence, span=span)
     name = NAMED.get(dependence.covariate, dependence.covariate)
     formula += f" (x: {X_WORDS.get(dependence.covariate, dependence.covariate)})"
@@ -134,10 +134,6 @@ CYCLES = np.arange(2.0, 8.01, 0.25)
 """Cycles of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
 CYCLES_OF_TURN = np.arange(1.0, 8.5)
 """The same of a curve that closes, in a turn: what runs round the sensor once is a wave, too."""
-OUTER = 0.005
-"""Share of the rays at each end that do not count where waves are."""
-WHOLE = 0.9
-"""Share of a turn from which on a curve over angles closes."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +166,7 @@ def shape_of(
         # Every number that shaped the formula makes what it leaves count for more.
         return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
 
-    closed = dependence.covariate in TURNING and float(x[-1] - x[0]) > WHOLE * TURN
+    closed = dependence.covariate in TURNING and float(x[-1] - x[0]) > RULES.whole_turn * TURN
     turns = CYCLES_OF_TURN if closed else CYCLES * TURN / (span or float(x[-1] - x[0]) or 1.0)
     shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight, turns=turns)]
     best = min(shapes, key=unexplained)
