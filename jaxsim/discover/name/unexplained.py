@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -94,10 +95,7 @@ def _varies(problem: Problem, covariate: str) -> bool:
 
 def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
     """The curve over its covariate, its character, and a closed formula that comes near it."""
-    x = values_along(problem, dependence.covariate)
-    heights = np.stack([np.asarray(to_values(candidate.effect, fit.z)["height"]) for fit in candidate.fits])
-    grid = written_at(x, dependence.covariate)
-    basis = fixed_basis(np.concatenate([x, grid]), dependence.covariate)[len(x) :]
+    x, grid, basis, heights = written_down(problem, dependence, candidate)
     # The height at a knot is the mean over fits that left a fold out each; their scatter gives the band.
     curves = heights @ basis.T
     y, band = curves.mean(0), fold_half_width(curves)
@@ -121,11 +119,27 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
     )
 
 
-def written_at(x: np.ndarray, covariate: str) -> np.ndarray:
-    """The values of a covariate at which its curve is written down."""
-    values = np.unique(x)
-    few = covariate in CATEGORICAL or len(values) <= RULES.few_values
-    return values if few else np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
+class Written(NamedTuple):
+    """A free curve of m numbers, fitted with each of f folds left out, at k knots, from n values of its covariate."""
+
+    x: Float[np.ndarray, " n"]
+    """The covariate of each ray."""
+    knots: Float[np.ndarray, " k"]
+    basis: Float[np.ndarray, "k m"]
+    """Heights at the knots are its product with the numbers."""
+    numbers: Float[np.ndarray, "f m"]
+
+
+def written_down(problem: Problem, dependence: Dependence, curve: Candidate) -> Written:
+    """A free curve that was fitted to a problem's rays, at its knots."""
+    x = values_along(problem, dependence.covariate)
+    knots = np.unique(x)
+    if dependence.covariate not in CATEGORICAL and len(knots) > RULES.few_values:
+        knots = np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
+    # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
+    basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
+    numbers = np.stack([np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits])
+    return Written(x, knots, basis, numbers)
 
 
 LETTER = {"intensity": "Δ ln I", OFFSET: "Δ I", "range": "Δ r", "drop": "p(drop)"}
