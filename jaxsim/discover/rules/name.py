@@ -38,7 +38,7 @@ class NameRules:
     """Of the sign-flip test over scenes that a candidate must pass (set on sixty nulls of the development seeds)."""
     direction_share: float = 0.25
     """Part of the way from the null to a fit at which scenes must agree on its direction, if not on its length (set on
-    development cases of severity 2)."""
+    yaw, falloff and range walk of severity 2, which were not told from noise without it)."""
     sudden_nats: float = 12.0
     """Gain of each of `decisive_scenes` with which a rare event (lost packets) passes without that test (a judgement,
     not calibrated; tests/discover/name/test_candidates.py) ..."""
