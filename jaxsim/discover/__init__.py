@@ -15,7 +15,7 @@ Files in the order in which the data meets them:
     read                         two folders, checked and put side by side; where the sensor stood
     mounting                     what of that is put in place before anything else is asked
     division                     find and judge scenes, and the null model that all that is found stands on
-    one_drive                    what is bound to directions, which sectors of a single drive cannot show
+    few_drives                   what is bound to directions, which sectors of few drives cannot show
     covariates, find             on what the disagreement depends
     look_alikes, name, law       which effect it is; what no effect describes, as a law with a formula
     contrast                     how far the sensor follows the simulator's contrast, which a learned one gets wrong

@@ -34,7 +34,8 @@ def contrast_off(null: NullModel, choice: Choice) -> Candidate | None:
     if division.simulator.intensities is not None or division.simulator.free_contrast:
         return None
     ev, _ = division.with_free_contrast().evidence(division.parts.find)
-    columns = np.asarray(ev.features)[..., -len(SCALES) :][np.asarray(ev.rays.hit)]
+    # Rays that were chosen to go elsewhere may hit where these do not: there they say nothing of the contrast.
+    columns = np.asarray(ev.features)[..., -len(SCALES) :][np.asarray(choice.problem.ev.rays.hit)]
     # Heights are thought to be of the curve's own scale, slopes of 1.
     columns = columns / SLOPES.parameters["height"].scale
     [candidate] = rank_effects(with_columns(choice.problem, columns), [SLOPES])

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, with_planes
+from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, seeing, with_planes
 from jaxsim.discover.model.evidence import Evidence, Measured, gather, near_enough
 from jaxsim.discover.model.fit import Chain, Problem
 from jaxsim.discover.model.noise import Noise
@@ -70,6 +70,14 @@ def _amid(agreed: np.ndarray) -> np.ndarray:
     return beside | above
 
 
+def seeing_hidden(chosen: Blocks, parts: Split, *, scan: Scan, measured: Measured) -> Blocks:
+    """The blocks with columns in each of which nearly all that the find scenes' frames could see is lost."""
+    frames = np.unique(chosen.frame[[name in parts.find for name in chosen.scene]])
+    hit = np.asarray(scan.hit)[frames]
+    lost = hit & ~np.asarray(measured.valid)[frames]
+    return seeing(chosen, lost.sum((0, 1)) > RULES.hidden_share * np.maximum(hit.sum((0, 1)), 1))
+
+
 @dataclass(frozen=True)
 class Division:
     """Columns of a comparison's frames in blocks, and the scenes that they are divided by."""
@@ -90,7 +98,7 @@ class Division:
     names: tuple[str, ...] = ()
     """Of the frames."""
     scenes: tuple[str, ...] = ()
-    """Of the frames; a block's are `blocks.scene`, which are sectors where all frames are of one drive."""
+    """Of the frames; a block's are `blocks.scene`, which are sectors where all frames are of few drives."""
     control: Control = NO_CONTROL
     """What the simulator lacks by itself, before all that is known of the sensor."""
 
@@ -106,7 +114,7 @@ class Division:
         """A comparison divided, or with blocks that were `chosen`, `parts` that are known, and `noises` that
         other frames of the two sides have told.
 
-        Raises ValueError where the scenes are too few, or the sectors of a single drive too narrow."""
+        Raises ValueError where the scenes are too few, or the sectors of few drives too narrow."""
         measured = jax.tree.map(jnp.asarray, comparison.measured)
         simulator = meant(
             jax.tree.map(jnp.asarray, comparison.scan),
@@ -132,7 +140,9 @@ class Division:
         both_scan, measured = jax.tree.map(jnp.asarray, both)
         simulator = replace(simulator, scan=both_scan)
         given, ranges = simulator.scan, simulator.ranges
-        chosen = chosen or blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
+        if chosen is None:
+            chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
+            chosen = seeing_hidden(chosen, parts or split_scenes(chosen.scene), scan=given, measured=measured)
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
         rays = cast(scan, chosen.frame, chosen.column)
         parts = parts or split_scenes(chosen.scene)
@@ -153,6 +163,13 @@ class Division:
     def looking_at(self, chosen: Blocks) -> Division:
         """The same frames and scenes, of which other columns are looked at."""
         return replace(self, blocks=chosen, rays=cast(self.scan, chosen.frame, chosen.column))
+
+    def divided_by(self, scenes: Sequence[str]) -> Division:
+        """The same frames, divided by other `scenes` of them. Raises ValueError where these are too few."""
+        chosen = blocks(scenes, *self.scan.range_m.shape[1:])
+        parts = split_scenes(chosen.scene)
+        chosen = seeing_hidden(chosen, parts, scan=self.given, measured=self.measured)
+        return replace(self.looking_at(chosen), parts=parts)
 
     def with_free_contrast(self) -> Division:
         """The same, with how far the sensor follows the simulator's contrast left to a nuisance."""

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.discover.division import NOTHING_YET
-from jaxsim.discover.model.cast import RayIndex, ray_index
+from jaxsim.discover.model.cast import RayIndex, ray_index, sectors_a_drive
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.noise_levels import lattices_of
@@ -222,12 +222,12 @@ def gains(
     motion: Float[np.ndarray, "f 8"], part: slice, *, scenes: Sequence[str], parts: Split
 ) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " t"]]:
     """Nats that find scenes gain, each by the poses of the other find scenes, and judge scenes by those of all find
-    scenes. Of one drive alone, which is cut into sectors, frames find and judge in turn."""
+    scenes. Of few drives, which are cut into sectors, frames find and judge in turn."""
     names = np.asarray(scenes)
     find = list(parts.find)
     judged = list(parts.judge)
-    # Sectors of one drive share the sensor's motion: only frames are as good as independent here.
-    if len(np.unique(names)) == 1:
+    # Sectors of a drive share the sensor's motion: only frames are as good as independent here.
+    if sectors_a_drive(scenes) > 1:
         names = np.arange(len(motion)).astype(str)
         judged = list(names[::3])
         find = [name for name in names if name not in judged]

@@ -1,7 +1,7 @@
 """Place: where the sensor stands, and what is left over once it stands there; naming begins with that.
 
 A mounting that is clearly off is put in place first, for nothing else can be asked across it; so is what is bound to
-directions of a single drive, which its sectors cannot show. After each, what the null leaves is found again.
+directions of few drives, which their sectors cannot show. After each, what the null leaves is found again.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from jaxsim.discover.division import Division
+from jaxsim.discover.few_drives import OfPieces, ask_pieces
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.mounting import Mounting, place_mounting, refine_lift
 from jaxsim.discover.name.select import Log
-from jaxsim.discover.one_drive import OfPieces, ask_pieces
 from jaxsim.discover.read import Comparison
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
@@ -29,7 +29,7 @@ class Placed:
     catalogue: tuple[Effect, ...]
     """The effects that are yet to be asked."""
     of_drive: OfPieces
-    """What pieces of a single drive named."""
+    """What pieces of few drives named."""
 
     @property
     def comparison(self) -> Comparison:

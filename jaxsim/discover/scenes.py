@@ -46,8 +46,7 @@ def split_scenes(names: Sequence[str], *, fewest: int = RULES.fewest_scenes) -> 
     if len(names) < fewest:
         raise ValueError(
             f"discover: {len(names)} independent scenes; a verdict needs {fewest} or more (16 to tell "
-            "effects apart well). Frames of one drive count as one scene: give more drives, or one drive alone, which "
-            "is cut into sectors of azimuth"
+            "effects apart well)"
         )
     order = sorted(names, key=lambda name: hashlib.sha256(name.encode()).hexdigest())
     # Two at least: one judge scene has no scatter.

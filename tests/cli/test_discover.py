@@ -249,12 +249,12 @@ def test_an_empty_frame(folders: Folders, tmp_path: Path, side: int):
     assert "empty" in text
 
 
-def test_too_few_scenes_says_how_many_it_needs(folders: Folders, tmp_path: Path):
+def test_a_few_drives_that_are_too_narrow_for_sectors(folders: Folders, tmp_path: Path):
     for k in range(3, 8):
         (folders[0] / f"drive{k}.npz").unlink()
     text = complaint(folders, tmp_path / "out")
-    assert "3 independent scenes" in text
-    assert "needs 10" in text
+    assert "3 drives, of 48 columns" in text
+    assert "give frames of 10 drives, or 64 columns" in text
 
 
 def test_frames_of_one_drive_count_as_one_scene(folders: Folders, tmp_path: Path):
@@ -262,7 +262,7 @@ def test_frames_of_one_drive_count_as_one_scene(folders: Folders, tmp_path: Path
     for folder in folders:
         scenes = {name: {"scene": "early" if name < "drive4" else "late"} for name in frame_names(folder)}
         write_grid(folder, grid, frames=scenes)
-    assert "2 independent scenes" in complaint(folders, tmp_path / "out")
+    assert "2 drives, of 48 columns" in complaint(folders, tmp_path / "out")
 
 
 @pytest.mark.parametrize("frames", [1, 8])
@@ -274,4 +274,4 @@ def test_a_single_drive_that_is_too_narrow_for_sectors(folders: Folders, tmp_pat
         write_grid(folder, grid, frames={name: {"scene": "one drive"} for name in frame_names(folder)})
     text = complaint(folders, tmp_path / "out")
     assert "48 columns" in text
-    assert "give frames of several drives, or 192 columns" in text
+    assert "give frames of 10 drives, or 192 columns" in text

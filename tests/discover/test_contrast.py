@@ -9,10 +9,12 @@ from jaxsim.discover import discover
 from jaxsim.discover.contrast import contrast_of_answer, contrast_off
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.contrast import SCALES
+from jaxsim.discover.model.fit import in_place
+from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.name.select import Choice, choose
 from jaxsim.discover.read import Comparison
 from jaxsim.effects import EFFECTS
-from tests.discover.noisy_street import TEXTURE, comparison
+from tests.discover.noisy_street import ROWS, TEXTURE, comparison
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 NOISE = {"share": 0.03, "range_m": 0.01}
@@ -64,6 +66,15 @@ def test_what_a_simulator_makes_up_is_found_and_told_by_scale():
     assert bright.low < bright.value < bright.high
     assert dark.value == pytest.approx(0, abs=0.1)
     assert told.p_value < 0.05
+
+
+@pytest.mark.long
+def test_the_contrast_is_asked_beside_what_lets_rays_hit_something_else():
+    null = null_of(sides())
+    turn = EFFECTS["extrinsic_rotation"]
+    turned = in_place(null.problem, [(turn, to_z(turn, {"pitch_rad": np.float32(0.03)}, ROWS))])
+    assert (np.asarray(turned.ev.rays.hit) != np.asarray(null.problem.ev.rays.hit)).any()
+    assert contrast_off(null, Choice((), (), turned)) is None
 
 
 @pytest.mark.long

@@ -4,6 +4,7 @@ surfaces that these meet, which share a reflectance of their own: objects, and p
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.edits import displace
 from jaxsim.effects.places import neighbours_m, rays_at
 from jaxsim.effects.rays import Rays, Scan
@@ -20,13 +22,14 @@ from jaxsim.effects.recast import recast
 from jaxsim.frame import Array
 from jaxsim.geometry.normals import incidence
 from jaxsim.geometry.polar import directions
+from jaxsim.progress import counted
 
 RAYS = 20_000
 """Rays that a fit looks at, if the frames have so many."""
 FEWEST_COLUMNS = 8
 """Columns of each frame that are looked at in any case."""
 SECTORS = 12
-"""Frames of a single drive are cut into so many."""
+"""Frames of a single drive are cut into so many; of a few, into as many as give about so many of all drives."""
 GUARD_COLUMNS = 4
 """Columns left out on each side of a sector: neighbouring rays share a surface."""
 OBJECT_SD = 0.2
@@ -49,38 +52,66 @@ ROOM = 2048
 
 @dataclass(frozen=True)
 class Blocks:
-    """Columns of frames, with the name of each block's scene: a drive, or a sector of the only one."""
+    """Columns of frames, with the name of each block's scene: a drive, or a sector of one of few drives."""
 
     frame: Int[np.ndarray, " b"]
     column: Int[np.ndarray, "b c"]
     scene: tuple[str, ...]
+    sectors: int = 1
+    """How many sectors each frame is cut into."""
 
 
-def blocks(scenes: Sequence[str], rows: int, columns: int, *, rays: int = RAYS, seed: int = 0) -> Blocks:
-    """Columns spread evenly over each frame, the first at random; of frames of one scene, sectors of the scan.
+def sectors_a_drive(drives: Sequence[str]) -> int:
+    """Into how many sectors frames of these drives are cut: 1 where there are enough drives for a verdict."""
+    count = len(set(drives))
+    return 1 if count >= RULES.fewest_scenes else -(-SECTORS // count)
 
-    Where all frames are of one scene, a sector of all of them counts as one: what a car or a wall does to one frame it
-    does to the next. Raises ValueError where sectors would be too narrow.
+
+def blocks(
+    drives: Sequence[str], rows: int, columns: int, *, rays: int = RAYS, like: Blocks | None = None, seed: int = 0
+) -> Blocks:
+    """Columns spread evenly over each frame, the first at random, with the frame's drive as their scene; of few drives,
+    columns of each sector of the scan, which are scenes: `sectors_a_drive` of them, or as many and as wide as those of
+    blocks that these shall be `like`.
+
+    A sector of all frames of a drive counts as one: what a car or a wall does to one frame it does to the next. Raises
+    ValueError where sectors would be too narrow.
     """
     rng = np.random.default_rng(seed)
-    frames = len(scenes)
-    if len(set(scenes)) == 1:
-        width = columns // SECTORS
-        inner = width - 2 * GUARD_COLUMNS
-        if inner < FEWEST_COLUMNS:
-            raise ValueError(
-                f"discover: frames of one drive, of {columns} columns, are too narrow to be cut into {SECTORS} "
-                "independent sectors; give frames of several drives, or "
-                f"{SECTORS * (FEWEST_COLUMNS + 2 * GUARD_COLUMNS)} columns or more"
-            )
-        # Few frames give more columns each, so that a fit sees about as many rays.
-        count = min(inner, max(-(-FEWEST_COLUMNS // frames), rays // (rows * SECTORS * frames)))
-        within = GUARD_COLUMNS + _spread(rng, frames, columns=inner, count=count)
-        column = np.arange(SECTORS)[None, :, None] * width + within[:, None, :]
-        sectors = [f"sector {k:02d}" for k in range(SECTORS)]
-        return Blocks(np.repeat(np.arange(frames), SECTORS), column.reshape(-1, count), (*sectors,) * frames)
-    count = min(columns, max(FEWEST_COLUMNS, rays // (rows * frames)))
-    return Blocks(np.arange(frames), _spread(rng, frames, columns=columns, count=count), tuple(scenes))
+    frames = len(drives)
+    sectors = like.sectors if like else sectors_a_drive(drives)
+    each = like.column.shape[1] if like else rays // (rows * sectors * frames)
+    if sectors == 1:
+        count = min(columns, max(FEWEST_COLUMNS, each))
+        return Blocks(np.arange(frames), _spread(rng, frames, columns=columns, count=count), tuple(drives))
+    width = columns // sectors
+    inner = width - 2 * GUARD_COLUMNS
+    frames_of = Counter(drives)
+    if inner < FEWEST_COLUMNS:
+        raise ValueError(
+            f"discover: frames of {counted(len(frames_of), 'drive')}, of {columns} columns, are too narrow to be cut "
+            f"into {sectors} independent sectors; give frames of {RULES.fewest_scenes} drives, or "
+            f"{sectors * (FEWEST_COLUMNS + 2 * GUARD_COLUMNS)} columns or more"
+        )
+    # Few frames give more columns each, so that a fit sees about as many rays.
+    count = each if like else min(inner, max(-(-FEWEST_COLUMNS // min(frames_of.values())), each))
+    within = GUARD_COLUMNS + _spread(rng, frames, columns=inner, count=count)
+    column = np.arange(sectors)[None, :, None] * width + within[:, None, :]
+    # Of a single drive the sector alone says which, and further frames of one of several are still named by it.
+    of_drive = [f"{drive} " if sectors < SECTORS else "" for drive in drives]
+    names = tuple(f"{drive}sector {k:02d}" for drive in of_drive for k in range(sectors))
+    return Blocks(np.repeat(np.arange(frames), sectors), column.reshape(-1, count), names, sectors)
+
+
+def seeing(chosen: Blocks, hidden: Bool[np.ndarray, " n"]) -> Blocks:
+    """The blocks with one column that is `hidden` in each that has none: what stands before the sensor may be narrower
+    than the steps from column to column, and then a frame in ten would show it. Sectors stay as they are."""
+    column = chosen.column.copy()
+    wanted = np.flatnonzero(hidden)
+    for b in np.flatnonzero(~hidden[column].any(1)) if len(wanted) and chosen.sectors == 1 else ():
+        one = wanted[b % len(wanted)]
+        column[b, np.abs(column[b] - one).argmin()] = one
+    return replace(chosen, column=column)
 
 
 def _spread(rng: np.random.Generator, frames: int, *, columns: int, count: int) -> Int[np.ndarray, "{frames} {count}"]:

@@ -1,6 +1,6 @@
 """What is compared: thinned rays of the simulation beside what the sensor said of them.
 
-Letters: b blocks, c columns, r rows. A block is a frame, or a sector of one where all frames are of one drive. A
+Letters: b blocks, c columns, r rows. A block is a frame, or a sector of one where all frames are of few drives. A
 scene is what statistics count: a drive, or such a sector. Whole columns are kept, since columns are lost whole; of the
 n that a scan has, c are looked at.
 """
@@ -110,6 +110,10 @@ class Evidence:
     """Squared scale, m^2, of what noise of the simulator's own leaves unknown of the range that it means."""
     own_step: Float[Array, " 2"]
     """Lattices of the simulator's own intensities and ranges; 0 for none."""
+    cell_hits: Int[Array, "r n"]
+    """Rays of each cell of the grid that hit something, over all columns of the blocks' frames ..."""
+    cell_lost: Int[Array, "r n"]
+    """... and those that did not return: borders between lost and returned columns are known no better."""
     scenes: int = struct.field(pytree_node=False, default=0)
     kinds: tuple[str, ...] = struct.field(pytree_node=False, default=())
     """Names of the features behind the gain: classes, or what stands in for them (`Kinds`)."""
@@ -177,6 +181,8 @@ def gather(
         kinds=kinds.share,
     )
     details = 0 if per_ray.detail is None else per_ray.detail.shape[-1]
+    of_frames = np.unique(frame)
+    hit = np.asarray(scan.hit)[of_frames]
     ev = Evidence(
         **fields,
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
@@ -187,6 +193,8 @@ def gather(
         scene=scene.astype(np.int32),
         known_range_variance=per_ray.range_variance,
         own_step=per_ray.step,
+        cell_hits=hit.sum(0, dtype=np.int32),
+        cell_lost=(hit & ~np.asarray(measured.valid)[of_frames]).sum(0, dtype=np.int32),
         scenes=int(scene.max()) + 1,
         kinds=kinds.names,
         after_kinds=AFTER_KINDS + details,

@@ -8,12 +8,12 @@ that is not, and no frames know it better.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Num
 
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
@@ -51,9 +51,9 @@ def _ceiling(problem: Problem) -> tuple[Start, ...]:
     return ({"ceiling": top},) if piled and top < 1 else ()
 
 
-def _speaks_for_hidden(lost: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Nats by which each ray speaks for being hidden."""
-    return np.where(lost, RULES.lost_says_nats, RULES.returned_says_nats)
+def _speak_for_hidden(lost: Num[np.ndarray, "*n"], of: Num[np.ndarray, "*n"] | int) -> Float[np.ndarray, "*n"]:
+    """Nats by which so many rays, and so many lost ones of them, speak for being hidden."""
+    return lost * RULES.lost_says_nats + (of - lost) * RULES.returned_says_nats
 
 
 def _gate(problem: Problem) -> tuple[Start, ...]:
@@ -66,7 +66,7 @@ def _gate(problem: Problem) -> tuple[Start, ...]:
         # From the end at which rays are lost, the border lies where the log-likelihood ratio of `gate here` to `no
         # gate` is largest: a cumulative sum.
         order = np.argsort(sign * r)
-        score = np.cumsum(_speaks_for_hidden(lost[order]))
+        score = np.cumsum(_speak_for_hidden(lost[order].astype(int), 1))
         score = score[: int(np.argmax(score < -RULES.gate_nats)) or None]  # returns have begun
         if len(score) and score.max() > RULES.gate_nats:
             border = float(r[order][int(score.argmax())])
@@ -77,19 +77,46 @@ def _gate(problem: Problem) -> tuple[Start, ...]:
 def _sector(problem: Problem) -> tuple[Start, ...]:
     """Sectors in which nearly every ray is lost, of all rows and of those below the elevation up to which one is told
     best."""
-    ev = problem.ev
-    hit = ev.rays.hit
-    azimuth, elevation = ev.rays.azimuth_rad[hit], ev.rays.elevation_rad[hit]
-    lost = ~ev.returned[hit]
-    if not len(lost):
+    cells = Cells.of(problem)
+    if not len(cells.hits):
         return ()
     closed = bool(spans_turn(problem.scan.grid))
-    starts = _hidden(azimuth, lost, closed=closed)
-    below = _hidden_below(_bins(azimuth, closed=closed), elevation, lost)
+    starts = _hidden(cells, closed=closed)
+    below = _hidden_below(cells, closed=closed)
     if below is not None:
-        low = elevation < below
-        starts += tuple(start | {"below_rad": below} for start in _hidden(azimuth[low], lost[low], closed=closed))
+        low = cells.where(cells.elevation < below)
+        starts += tuple(start | {"below_rad": below} for start in _hidden(low, closed=closed))
     return starts
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of the grid in which any ray of the frames hits something: fits look at few columns of a frame, and the
+    borders of a sector lie anywhere between two of these."""
+
+    azimuth: Float[np.ndarray, " n"]
+    elevation: Float[np.ndarray, " n"]
+    hits: Int[np.ndarray, " n"]
+    lost: Int[np.ndarray, " n"]
+
+    @classmethod
+    def of(cls, problem: Problem) -> Cells:
+        """The cells of a problem's frames."""
+        hits, lost = np.asarray(problem.ev.cell_hits), np.asarray(problem.ev.cell_lost)
+        grid = problem.scan.grid
+        azimuth = np.broadcast_to(np.asarray(grid.azimuth_rad, float), hits.shape)
+        elevation = np.broadcast_to(np.asarray(grid.elevation_rad, float)[:, None], hits.shape)
+        seen = hits > 0
+        return cls(azimuth[seen], elevation[seen], hits[seen], lost[seen])
+
+    def where(self, keep: Bool[np.ndarray, " n"]) -> Cells:
+        """Some of the cells."""
+        return Cells(self.azimuth[keep], self.elevation[keep], self.hits[keep], self.lost[keep])
+
+    @property
+    def nats(self) -> Float[np.ndarray, " n"]:
+        """By how much each cell speaks for being hidden."""
+        return _speak_for_hidden(self.lost, self.hits)
 
 
 def _bins(azimuth: Float[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, " n"]:
@@ -98,31 +125,30 @@ def _bins(azimuth: Float[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, 
     return bins % TURN_BINS if closed else bins - bins.min()
 
 
-def _hidden_below(
-    azimuth_bin: Int[np.ndarray, " n"], elevation: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"]
-) -> float | None:
+def _hidden_below(cells: Cells, *, closed: bool) -> float | None:
     """The elevation below which bins of azimuth are hidden most surely; None where it is no row's, or nothing is."""
-    rows, at = np.unique(elevation, return_inverse=True)
+    azimuth_bin = _bins(cells.azimuth, closed=closed)
+    rows, at = np.unique(cells.elevation, return_inverse=True)
     shape = (azimuth_bin.max() + 1, len(rows))
     # Rays and lost rays of each bin up to each elevation.
     cell = azimuth_bin * shape[1] + at
-    count = np.cumsum(np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape), axis=1)
-    gone = np.cumsum(np.bincount(cell, lost, shape[0] * shape[1]).reshape(shape), axis=1)
-    nats = gone * RULES.lost_says_nats + (count - gone) * RULES.returned_says_nats
-    told = np.where(gone > RULES.hidden_share * count, nats, 0).sum(0)
+    count = np.cumsum(np.bincount(cell, cells.hits, shape[0] * shape[1]).reshape(shape), axis=1)
+    gone = np.cumsum(np.bincount(cell, cells.lost, shape[0] * shape[1]).reshape(shape), axis=1)
+    told = np.where(gone > RULES.hidden_share * count, _speak_for_hidden(gone, count), 0).sum(0)
     best = int(told.argmax())
     if best + 1 >= len(told) or told[best] <= RULES.gate_nats:
         return None
     return float(rows[best : best + 2].mean())
 
 
-def _hidden(azimuth: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"], *, closed: bool) -> tuple[Start, ...]:
+def _hidden(cells: Cells, *, closed: bool) -> tuple[Start, ...]:
     """The longest run of bins of azimuth in which nearly every ray is lost, up to the rays at its borders, and sectors
     about as wide; nothing where no bin is hidden."""
+    azimuth = cells.azimuth
     azimuth_bin = _bins(azimuth, closed=closed)
-    count = np.bincount(azimuth_bin)
+    count = np.bincount(azimuth_bin, cells.hits)
     seen = np.flatnonzero(count)
-    hidden = np.bincount(azimuth_bin, lost)[seen] > RULES.hidden_share * count[seen]
+    hidden = np.bincount(azimuth_bin, cells.lost)[seen] > RULES.hidden_share * count[seen]
     if not hidden.any():
         return ()
     run = longest_run(hidden, closed=closed)
@@ -131,19 +157,19 @@ def _hidden(azimuth: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"], *, c
     first = -np.pi if closed else np.floor((azimuth.min() + np.pi) / BIN_RAD) * BIN_RAD - np.pi
     middle = float(((seen[place] + TURN_BINS * turn).mean() + 0.5) * BIN_RAD + first)
     away = within_turn(azimuth - middle) if closed else azimuth - middle
-    right = float(np.mean(_border(away[away >= 0], lost[away >= 0])))
-    left = -float(np.mean(_border(-away[away < 0], lost[away < 0])))
+    right = float(np.mean(_border(away[away >= 0], cells.nats[away >= 0])))
+    left = -float(np.mean(_border(-away[away < 0], cells.nats[away < 0])))
     width = right - left
     middle = within_turn(middle + (left + right) / 2)
     return tuple({"azimuth_rad": middle, "width_rad": share * width} for share in (0.7, 1.0, 1.4))
 
 
-def _border(away: Float[np.ndarray, " n"], lost: Bool[np.ndarray, " n"]) -> tuple[float, float]:
+def _border(away: Float[np.ndarray, " n"], nats: Float[np.ndarray, " n"]) -> tuple[float, float]:
     """The last place that is likelier hidden than not, on the way outward, and the next one."""
     if not len(away):
         return 0.0, 0.0
     order = np.argsort(away)
-    last = away[order][np.cumsum(_speaks_for_hidden(lost[order])).argmax()]
+    last = away[order][np.cumsum(nats[order]).argmax()]
     beyond = away[away > last]
     return float(last), float(beyond.min() if len(beyond) else last)
 
@@ -186,17 +212,14 @@ def _wave(problem: Problem) -> tuple[Start, ...]:
 
 
 def sector_between(problem: Problem, values: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Between which values the parameters of a hidden sector lie, by the rays next to its borders."""
-    ev = jax.tree.map(np.asarray, problem.ev)
-    hit = ev.rays.hit
-    lost = ~ev.returned[hit]
-    up = ev.rays.elevation_rad[hit] - float(values["below_rad"])
-    away = within_turn(ev.rays.azimuth_rad[hit] - float(values["azimuth_rad"]))
-    low, inside = up < 0, np.abs(away) < float(values["width_rad"]) / 2
-    right = _border(away[low & (away >= 0)], lost[low & (away >= 0)])
-    left = _border(-away[low & (away < 0)], lost[low & (away < 0)])
+    """Between which values the parameters of a hidden sector lie, by the cells next to its borders."""
+    cells = Cells.of(problem)
+    away = within_turn(cells.azimuth - float(values["azimuth_rad"]))
+    low, inside = cells.elevation < float(values["below_rad"]), np.abs(away) < float(values["width_rad"]) / 2
+    right = _border(away[low & (away >= 0)], cells.nats[low & (away >= 0)])
+    left = _border(-away[low & (away < 0)], cells.nats[low & (away < 0)])
     # What lies lowest comes first.
-    top = _border(ev.rays.elevation_rad[hit][inside], lost[inside])
+    top = _border(cells.elevation[inside], cells.nats[inside])
     middle = float(values["azimuth_rad"])
     return {
         "azimuth_rad": (middle + (right[0] - left[1]) / 2, middle + (right[1] - left[0]) / 2),

@@ -1,6 +1,6 @@
 """Whether a named effect acts everywhere, or in a part of the recording: a regime.
 
-Letters: b blocks, a sectors of azimuth, n scenes (or sectors of a single drive), k regions of a question, c candidates.
+Letters: b blocks, a sectors of azimuth, n scenes (or sectors of few drives), k regions of a question, c candidates.
 In the order in which to read it:
 
     find_regimes    asks, fits, and puts effects in their regions (`find`)

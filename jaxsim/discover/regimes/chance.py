@@ -90,10 +90,10 @@ def scenes_by_size(of: Cells, facts: Facts) -> FoundRegion | None:
     """The scenes whose own sizes are large; `of` holds even and odd columns of each sector apart (2 a + parity).
 
     Scenes that differ by noise alone differ in both halves of their columns alike only by chance: the excesses of one
-    half are dealt out anew. The division is the widest gap between sizes. None for a single drive.
+    half are dealt out anew. The division is the widest gap between sizes. None for a single drive, and for few.
     """
     few = RULES.regime_fewest_scenes
-    if len(set(facts.names)) < 2 or facts.scene_count < 2 * few:
+    if len(set(facts.names)) < 2 or facts.few_drives or facts.scene_count < 2 * few:
         return None
     excess = _by_half(of.excess, facts)
     curvature = _by_half(of.curvature, facts)

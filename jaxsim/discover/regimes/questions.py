@@ -92,7 +92,7 @@ class Facts:
     """Scenes of all frames."""
     frame: Int[np.ndarray, " b"]
     scene: Int[np.ndarray, " b"]
-    """The scene of each block; of a single drive, which is cut into sectors of azimuth, the sector."""
+    """The scene of each block; of few drives, which are cut into sectors of azimuth, the sector of a drive."""
     column: Int[np.ndarray, "b c"]
     """Columns of the blocks."""
 
@@ -108,8 +108,13 @@ class Facts:
 
     @property
     def scene_count(self) -> int:
-        """How many independent scenes (or sectors of a single drive) there are."""
+        """How many independent scenes (or sectors of few drives) there are."""
         return int(self.scene.max()) + 1
+
+    @property
+    def few_drives(self) -> bool:
+        """Whether scenes are sectors of several drives, too few to be held against each other."""
+        return len(set(self.frame.tolist())) < len(self.frame) and len(set(self.names)) > 1
 
 
 @dataclass(frozen=True)
@@ -136,7 +141,10 @@ def sectors_of(scan: Scan) -> Int[np.ndarray, " c"]:
 
 
 def questions(facts: Facts) -> list[Question]:
-    """All that can be asked of these frames."""
+    """All that can be asked of these frames. Of few drives nothing: what some have and others have not would be tested
+    on sectors that share their drive, and any two drives differ in something."""
+    if facts.few_drives:
+        return []
     return [*_tags(facts), *_time(facts), *_azimuth(facts)]
 
 

@@ -76,10 +76,9 @@ def judge_rest(
     rest = comparison.rest
     if rest is None or mounting.comparison.other_moments:
         return None
-    # Two at least, for `blocks` cuts a frame that stands alone into sectors.
     division = by.null.division
     judged, _ = division.blocks_of(division.parts.judge)
-    size = max(size or len(np.unique(division.blocks.frame[judged])), 2)
+    size = size or len(np.unique(division.blocks.frame[judged]))
     sums = Sums()
     bar = Progress(total=len(rest.names), unit="frame", desc="judging every frame")
     with bar:
@@ -119,7 +118,8 @@ def block_of(
     part = place_mounting(read_part(rest, padded, like=comparison), mounting.effects, by.null.known).comparison
     old = by.null.division
     is_find, _ = old.blocks_of(old.parts.find)
-    new = _new_blocks(old, part.scenes, number=number)
+    # Columns from other starts in each block.
+    new = blocks(part.scenes, *np.shape(old.scan.range_m)[1:], like=old.blocks, seed=number + 1)
     # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
     pieces = tuple(f"piece {k}" for k in range(len(new.frame)))
     noises = old.simulator.noise, old.simulator.measured_noise
@@ -200,21 +200,6 @@ def rest_in_words(told: EveryFrame) -> str:
     )
 
 
-def _new_blocks(old: Division, scenes: Sequence[str], *, number: int) -> Blocks:
-    """Columns of further frames, as many each as of the frames that were read, from other starts in each block."""
-    frames, rows, columns = np.shape(old.scan.range_m)
-    count = old.blocks.column.shape[1]
-    # More blocks than frames: those of a single drive, cut into sectors.
-    sectors = len(old.blocks.frame) > frames
-    pieces = len(old.blocks.frame) // frames
-    # Only what `blocks` cuts by: labels all alike give sectors, labels of their own give frames.
-    labels = ["one drive"] * len(scenes) if sectors else [str(k) for k in range(len(scenes))]
-    new = blocks(labels, rows, columns, rays=count * rows * len(scenes) * pieces, seed=number + 1)
-    if sectors:
-        return new
-    return Blocks(new.frame, new.column, tuple(scenes))
-
-
 def _joined(old: Division, fresh: Division, chosen: Bool[np.ndarray, " b"]) -> Division:
     """Some blocks of a division with the frames that they are of, as they were traced before, and all of another."""
     staying = np.unique(old.blocks.frame[chosen])
@@ -224,6 +209,7 @@ def _joined(old: Division, fresh: Division, chosen: Bool[np.ndarray, " b"]) -> D
         np.concatenate([first, behind]),
         np.concatenate([old.blocks.column[chosen], fresh.blocks.column]),
         (*(scene for scene, keep in zip(old.blocks.scene, chosen, strict=True) if keep), *fresh.blocks.scene),
+        old.blocks.sectors,
     )
     rays = jax.tree.map(
         lambda one, other: np.concatenate([one, other]) if np.ndim(one) else one, old.rays.part(chosen), fresh.rays

@@ -215,7 +215,7 @@ def whole_frames(division: Division) -> Iterator[Chunk]:
         column_now = old.column.copy()
         column_now[places] = columns_of[take]
         # Scenes keep their places: nothing of these blocks is summed over scenes.
-        part = division.looking_at(Blocks(frame, column_now, old.scene))
+        part = division.looking_at(replace(old, frame=frame, column=column_now))
         names = tuple(whole.scene[k] for k in block_of[take])
         yield Chunk(part, np.where(fills, -1, frame[places]), names)
 

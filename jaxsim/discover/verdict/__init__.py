@@ -224,7 +224,7 @@ class JudgeFrame:
 
     name: str
     scene: str
-    """Its scene; empty where it holds several, sectors of one drive."""
+    """Its scene; empty where it holds several, sectors of a drive."""
     row: Int[np.ndarray, " n"]
     column: Int[np.ndarray, " n"]
     range_m: Float[np.ndarray, " n"]

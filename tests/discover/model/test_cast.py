@@ -6,8 +6,9 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.cast import FEWEST_COLUMNS, GUARD_COLUMNS, RAYS, SECTORS, blocks, cast, ray_index
+from jaxsim.discover.model.cast import FEWEST_COLUMNS, GUARD_COLUMNS, RAYS, SECTORS, blocks, cast, ray_index, seeing
 from jaxsim.discover.model.evidence import gather
+from jaxsim.discover.rules import RULES
 from tests.discover.toy import device, toy
 
 COLUMNS = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
@@ -41,8 +42,41 @@ def test_frames_of_one_drive_are_cut_into_the_same_sectors(frames):
     assert all(len(set(columns)) == len(columns) for columns in cut.column.tolist())
 
 
-def test_frames_of_several_drives_keep_their_drives():
-    assert blocks(["a", "a", "b"], 44, 372).scene == ("a", "a", "b")
+def test_frames_of_enough_drives_keep_their_drives():
+    drives = [f"drive {k}" for k in (*range(RULES.fewest_scenes), 0)]
+    chosen = blocks(drives, 44, 372)
+    assert (chosen.scene, chosen.sectors) == (tuple(drives), 1)
+
+
+@pytest.mark.parametrize("drives", range(1, RULES.fewest_scenes))
+def test_frames_of_few_drives_are_cut_until_there_are_enough_scenes(drives):
+    names = [f"drive {k % drives}" for k in range(2 * drives + 1)]
+    cut = blocks(names, 44, 372)
+    assert SECTORS <= len(set(cut.scene)) < SECTORS + drives
+    assert len(cut.scene) == len(names) * cut.sectors
+    for scene in set(cut.scene):
+        mine = [k for k, name in enumerate(cut.scene) if name == scene]
+        assert len({names[cut.frame[k]] for k in mine}) == 1, "a scene is of one drive"
+        assert cut.column[mine].size >= FEWEST_COLUMNS
+
+
+def test_further_frames_are_cut_as_those_that_were_read():
+    read = blocks(["a", "a", "b"], 44, 372)
+    rest = blocks(["b", "b", "b", "b"], 44, 372, like=read)
+    assert rest.column.shape[1] == read.column.shape[1]
+    assert set(rest.scene) == {name for name in read.scene if name.startswith("b ")}
+
+
+def test_what_is_hidden_between_the_columns_is_seen_by_every_frame():
+    chosen = blocks([f"drive {k}" for k in range(12)], 44, 372, rays=44 * 12 * FEWEST_COLUMNS)
+    hidden = np.zeros(372, bool)
+    hidden[100:103] = True
+    seen = seeing(chosen, hidden)
+    assert not hidden[chosen.column].any(1).all()
+    assert hidden[seen.column].any(1).all()
+    assert set(seen.column[hidden[seen.column]].tolist()) == {100, 101, 102}
+    assert (seen.column != chosen.column).sum(1).max() == 1
+    np.testing.assert_array_equal(seeing(chosen, np.zeros(372, bool)).column, chosen.column)
 
 
 def test_rays_are_the_cells_of_whole_columns():

@@ -62,6 +62,16 @@ def test_an_arc_holds_the_very_columns_of_the_sectors_that_it_was_asked_of(colum
         np.testing.assert_array_equal(region.in_sector(azimuth), inside[0][facts.sector[0]])
 
 
+def test_what_few_drives_differ_in_is_not_asked(facts):
+    frame = np.repeat(np.arange(FRAMES), 2)
+    two = tuple("drive a" if k < FRAMES // 2 else "drive b" for k in range(FRAMES))
+    scene = 2 * (frame >= FRAMES // 2) + np.tile([0, 1], FRAMES)
+    cut = Facts(facts.scan, two, frame, scene, facts.column[frame])
+    assert cut.few_drives
+    assert questions(cut) == []
+    assert questions(facts)
+
+
 @pytest.mark.parametrize("frames", [6, 8])
 def test_frames_of_one_drive_are_divided_by_their_own_moments_however_many_its_sectors_are(facts, frames):
     """Six sectors of each frame, as blocks: a sector's number is no moment's."""

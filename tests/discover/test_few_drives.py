@@ -1,4 +1,4 @@
-"""What pieces of a single drive show: effects bound to directions, of frames cast and disturbed in plain NumPy."""
+"""What pieces of few drives show: effects bound to directions, of frames cast and disturbed in plain NumPy."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.division import Division, NullModel
-from jaxsim.discover.one_drive import PIECES, ask_pieces, without_brightness
+from jaxsim.discover.few_drives import PIECES, ask_pieces, pieces_of, without_brightness
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
@@ -48,15 +48,35 @@ def weak(azimuth, elevation, intensity):
 
 
 @pytest.mark.long
-def test_a_hidden_sector_of_a_single_drive_is_found_and_known_to_what_comes_after():
-    found = asked(drive(hidden))
+@pytest.mark.parametrize(("scenes", "drives"), [(("drive",), "1 drive"), (("a", "b", "c"), "3 drives")])
+def test_a_hidden_sector_of_few_drives_is_found_and_known_to_what_comes_after(scenes, drives):
+    found = asked(drive(hidden, scenes))
     [one] = found.effects
     assert (one.name, found.pieces) == ("sector_occlusion", PIECES)
-    assert f"found by {PIECES} pieces" in found.how
-    # Columns are 0.013 rad apart, of which one in twelve is looked at in a frame, others in each.
-    assert one.parameters["azimuth_rad"].value == pytest.approx(1.0, abs=0.03)
-    assert one.parameters["width_rad"].value == pytest.approx(0.4, abs=0.05)
+    assert f"found by {PIECES} pieces of {drives}" in found.how
+    # A fit looks at one column in twelve; borders are those of all columns, 0.013 rad apart.
+    assert one.parameters["azimuth_rad"].value == pytest.approx(1.0, abs=0.01)
+    assert one.parameters["width_rad"].value == pytest.approx(0.4, abs=0.02)
     assert [name for name, _ in found.known.effects] == ["sector_occlusion"]
+
+
+@pytest.mark.long
+def test_a_mast_that_is_narrower_than_the_steps_between_columns_is_found_with_its_borders():
+    """Three columns of 480: most frames look at none of them."""
+
+    def mast(azimuth, elevation, intensity):
+        return (np.abs(azimuth - 1.0) < 0.021) & (elevation < 9) & (intensity >= 0)
+
+    [one] = asked(drive(mast)).effects
+    assert one.name == "sector_occlusion"
+    assert one.parameters["azimuth_rad"].value == pytest.approx(1.0, abs=0.01)
+    assert one.parameters["width_rad"].value == pytest.approx(0.042, abs=0.02)
+
+
+def test_pieces_are_of_consecutive_frames_of_a_drive_and_about_as_many_however_many_drives_there_are():
+    assert pieces_of(["a"] * 24) == [f"piece {k // 2:02d}" for k in range(24)]
+    assert pieces_of([*"ababab"] * 4) == [f"{name} piece {k // 2:02d}" for k in range(12) for name in "ab"]
+    assert len(set(pieces_of([*"abc"]))) == 3
 
 
 @pytest.mark.long
@@ -68,7 +88,7 @@ def test_several_drives_and_few_frames_have_no_pieces(monkeypatch):
     def never(*args, **more):
         pytest.fail("asked")
 
-    monkeypatch.setattr("jaxsim.discover.one_drive.choose", never)
+    monkeypatch.setattr("jaxsim.discover.few_drives.choose", never)
     # Each beside the null model of others: it is not looked at, and a fit of their own would take long.
     null = judged_toy()[0]
     for one in (

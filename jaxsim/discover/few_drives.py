@@ -1,14 +1,15 @@
-"""What a single drive shows of effects that are bound to directions of the sensor.
+"""What one drive, or a few, show of effects that are bound to directions of the sensor.
 
-Frames of one drive are cut into sectors of azimuth, which stand for scenes (`model/cast.py`). What hides one sector, or
-grows over the turn, is then in one scene or a number of each, and no two scenes can agree on it. Pieces of the drive
-see all sectors, so such effects are asked of these first, and put in place before sectors are asked for the rest.
-Pieces pass the same walls, and a wall that is darker than it is simulated looks like a dirty window on its side: what
-intensities say does not count.
+Frames of few drives are cut into sectors of azimuth, which stand for scenes (`model/cast.py`). What hides one sector,
+or grows over the turn, is then in one scene of each drive or a number of each, and scenes cannot agree on it. Pieces of
+the drives see all sectors, so such effects are asked of these first, and put in place before sectors are asked for the
+rest. Pieces pass the same walls, and a wall that is darker than it is simulated looks like a dirty window on its side:
+what intensities say does not count.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
@@ -19,57 +20,57 @@ from jaxtyping import Float
 from jaxsim.discover.add import add_effects, changes
 from jaxsim.discover.division import AllScenes, NullModel
 from jaxsim.discover.explain import named
-from jaxsim.discover.model.cast import blocks
 from jaxsim.discover.name.select import Log, choose
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped, p_value, split_scenes
+from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.show import judge_gains
 from jaxsim.discover.verdict import Named
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
+from jaxsim.progress import counted
 
 OF_DIRECTIONS = ("sector_occlusion", "motion_distortion", "window_contamination")
 """Effects of a direction of the sensor, or of the moment within a turn."""
 BRIGHTNESS = CHANNELS.index("intensity")
 """The channel that does not count."""
 PIECES = 12
-"""A drive is cut into so many, or one a frame where these are fewer: as many as sectors."""
+"""Drives are cut into about so many in all, or one a frame where these are fewer: as many as sectors."""
 
 
 @dataclass(frozen=True)
 class OfPieces:
-    """What was named by pieces of a drive."""
+    """What was named by pieces of one drive or a few."""
 
     effects: tuple[Named, ...]
     known: SensorModel
     """What was known, with these effects."""
     pieces: int
+    drives: str = ""
+    """How many drives there are, in words."""
 
     @property
     def how(self) -> str:
         """How they were found, in words."""
         return (
-            f"found by {self.pieces} pieces of the one drive, each of which sees all directions, and confirmed on a "
+            f"found by {self.pieces} pieces of {self.drives}, each of which sees all directions, and confirmed on a "
             "third of them; everything else was asked, and the gap is shown, with it in place"
         )
 
 
 def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> OfPieces:
-    """The effects of the catalogue that pieces of a drive show and judge pieces confirm, where the null model is of one
-    drive that was cut into `sectors`; none where it has too few frames, and of several drives."""
+    """The effects of the catalogue that pieces of drives show and judge pieces confirm, where the null model is of
+    drives that were cut into `sectors`; none where these have too few frames, and of enough drives to be scenes."""
     nothing = OfPieces((), sectors.known, 0)
     whole = sectors.division
-    frames, rows, columns = whole.scan.range_m.shape
     bound = [effect for effect in catalogue if effect.name in OF_DIRECTIONS]
-    cut = len(whole.blocks.frame) > frames
-    if not cut or not bound or frames < RULES.fewest_scenes:
+    of_frame = pieces_of(whole.scenes)
+    count = len(set(of_frame))
+    if whole.blocks.sectors == 1 or not bound or count < RULES.fewest_scenes:
         return nothing
-    count = min(PIECES, frames)
-    chosen = blocks([f"piece {k * count // frames:02d}" for k in range(frames)], rows, columns)
-    pieces = replace(whole.looking_at(chosen), parts=split_scenes(chosen.scene))
-    null = NullModel.of(pieces, sectors.known)
-    log(f"one drive: {' and '.join(effect.name for effect in bound)} are asked of {count} pieces of it")
+    null = NullModel.of(whole.divided_by(of_frame), sectors.known)
+    drives = counted(len(set(whole.scenes)), "drive")
+    log(f"{drives}: {' and '.join(effect.name for effect in bound)} are asked of {count} pieces")
     if not choose(null.problem, bound, log=log).steps:
         return nothing
     # Alone they stand in for what goes by range or class, which differ from side to side: now beside all others.
@@ -89,7 +90,22 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     ]
     of_sensor = added.sensor.effects[len(sectors.known.effects) :]
     known = replace(sectors.known, effects=(*sectors.known.effects, *compress(of_sensor, stands)))
-    return OfPieces(tuple(compress(effects, stands)), known, count)
+    return OfPieces(tuple(compress(effects, stands)), known, count, drives)
+
+
+def pieces_of(drives: Sequence[str]) -> list[str]:
+    """The piece that each frame is of: consecutive frames of a drive, about as many pieces of each."""
+    frames_of = Counter(drives)
+    each = -(-PIECES // len(frames_of))
+    passed: Counter[str] = Counter()
+    pieces: list[str] = []
+    for drive in drives:
+        count = min(each, frames_of[drive])
+        # Of a single drive the number alone says which.
+        name = f"{drive} " if len(frames_of) > 1 else ""
+        pieces.append(f"{name}piece {passed[drive] * count // frames_of[drive]:02d}")
+        passed[drive] += 1
+    return pieces
 
 
 def without_brightness(gain: Float[np.ndarray, "s 3"]) -> bool:
