@@ -63,8 +63,8 @@ CASES = {
 }
 UNPAIRED = {"effect": "beam_gain", "severity": 4.0, "scenes": 16, "rows": 24, "columns": 192, "seed": 4711}
 STEPS = 20
-FRESH = ("seconds", "fingerprint")
-"""Names of values that never come twice: times, and hashes of code."""
+FRESH = ("seconds", "fingerprint", "sources")
+"""Names of values that never come twice: times, hashes of code, and stamps of files, which tell their times."""
 PAGES = (".html", ".md")
 """What tells times in its text."""
 

@@ -13,7 +13,11 @@ ROOT = Path(__file__).parents[1]
 ROOM = ROOT / "jaxsim"
 MODULES = sorted(path.relative_to(ROOM).as_posix() for path in ROOM.rglob("*.py"))
 
-ROWS = {"effects/catalogue": "effects/test_catalogue.py", "engines": "engines/test_engines.py"}
+ROWS = {
+    "effects/catalogue": "effects/test_catalogue.py",
+    "engines": "engines/test_engines.py",
+    "discover/rules": "discover/test_rules.py",
+}
 """Folders whose files are rows of one table, and the test of that table, which goes through all of them."""
 WITHOUT = {
     "__main__.py": "two lines, by which every test of the programs as users start them begins",
@@ -142,7 +146,7 @@ def modules_used(part: ast.AST) -> set[str]:
     return own.union(*(modules_used(child) for child in inner))
 
 
-DISCOVER = [module for module in MODULES if module.startswith("discover/") and module != "discover/rules.py"]
+DISCOVER = [module for module in MODULES if module.startswith("discover/")]
 OF_RULES = ("_NATS", "_LEVEL", "_SHARE")
 """Ends of the names of thresholds on an answer: gains, probabilities of tests, and shares of either."""
 
@@ -161,7 +165,7 @@ def constants(module: str) -> dict[str, tuple[ast.expr, str]]:
 
 
 def test_a_constant_of_discover_has_one_value_and_a_text_where_it_is_a_number():
-    """And what decides about an answer is a rule (`discover/rules.py`)."""
+    """And what decides about an answer is a rule (`discover/rules`)."""
     homes: dict[str, str] = {}
     for module in DISCOVER:
         for name, (value, text) in constants(module).items():

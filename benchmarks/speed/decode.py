@@ -24,7 +24,7 @@ from timing import interleave
 
 from jaxsim.data.logs import LogOptions, source_for
 from jaxsim.data.logs.files import read_pcd
-from jaxsim.data.logs.gridding import infer_sensor, to_sweep
+from jaxsim.data.logs.gridding import infer_layout, to_sweep
 from jaxsim.data.sweeps import read_pcap
 from jaxsim.recordings import Stamped, write_mcap
 
@@ -93,7 +93,7 @@ def of_pcd(path: Path) -> None:
     interleave("PCD, binary_compressed, to arrays", {"jaxsim": ours, "pypcd4": theirs})
     scan = read_pcd(path, LogOptions())
     options = LogOptions()
-    sensor = infer_sensor([scan], options, by="pcd")
+    layout = infer_layout([scan], options, by="pcd")
 
     def plain() -> np.ndarray:
         """Rows are those of the file; columns by azimuth, the nearest wins: 64 x 1856 cells."""
@@ -108,7 +108,7 @@ def of_pcd(path: Path) -> None:
         return image
 
     interleave(
-        "PandaSet's scan to polar", {"jaxsim": lambda: to_sweep(scan, sensor, options, by="pcd"), "NumPy": plain}
+        "PandaSet's scan to polar", {"jaxsim": lambda: to_sweep(scan, layout, options, by="pcd"), "NumPy": plain}
     )
 
 

@@ -26,7 +26,7 @@ class Engines(Checked):
     own format, and beside them NAME.md with all that was said.
     """
 
-    sensor: Annotated[Path, tyro.conf.Positional]
+    answer: Annotated[Path, tyro.conf.Positional]
     """sensor.json of an answer."""
     engine: Annotated[
         Literal["carla", "isaac", "rgl", "gazebo", "helios"], tyro.conf.arg(name="for", aliases=["--engine"])
@@ -43,10 +43,10 @@ class Engines(Checked):
             wanted = self.out.with_suffix(ENGINES[self.engine].suffix)
             raise ValueError(f"engines: --out {self.out} is where the words go, beside the parameters; give {wanted}")
         for written in (self.out, self.out.with_suffix(".md")) if self.out else ():
-            check_apart(written, self.sensor, self.sensor.with_name("verdict.json"), self.now, by="engines")
+            check_apart(written, self.answer, self.answer.with_name("verdict.json"), self.now, by="engines")
         known_effects()
         now = _numbers(self.now) if self.now else {}
-        told = translate(read_answer(self.sensor), self.engine, ENGINES[self.engine], now=now)
+        told = translate(read_answer(self.answer), self.engine, ENGINES[self.engine], now=now)
         page = words(told)
         print(page)
         if self.out:

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import tyro
 
-from jaxsim.config import DataConfig, DataKind, Streets
-from jaxsim.config.ranges import Checked, Whole
+from jaxsim.config import DataConfig, FrameSource
+from jaxsim.config.ranges import Checked
 from jaxsim.data import Dataset, open_dataset, source_of
 from jaxsim.runs.frames import judges_of, read_frames
 
@@ -48,31 +48,8 @@ Scheduler = Annotated[
 
 
 @dataclass(frozen=True)
-class DataSource(Checked):
+class DataSource(FrameSource):
     """A data set. What is not given is as the run has it, or, in commands without a run, as in training."""
-
-    kind: Literal["same", DataKind] = "same"
-    """Kind of data set; `same`: the run's own."""
-    root: Path | None = None
-    """Its folder: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), `sequences/`
-    (odometry), or `Scene01/` (vkitti2); the `--out` of `jaxsim frames` (polar) or `jaxsim prepare`
-    (prepared)."""
-    scenes: tuple[str, ...] = ()
-    """Its sequences to use: `0001 0018`, of kitti_odometry `00`, of vkitti2 `Scene01`. None named: all."""
-    variations: tuple[str, ...] | None = None
-    """Of vkitti2: `clone` (the default), `15-deg-left`, `fog` ..."""
-    camera: Literal[0, 1] | None = None
-    """Of vkitti2: 0 left (the default), 1 right."""
-    lidar: Literal["kitti", "camera"] | None = None
-    """Where the LiDAR is thought to be in vkitti2, and the camera in the embedded world: apart as on KITTI's car (the
-    default), or in one place, from which nothing is hidden (the paper's additional camera)."""
-    rows: Literal["file_order", "elevation"] | None = None
-    """Laser line of a KITTI point: from the file's order (the default), or the nearest beam, for clouds that were
-    reordered."""
-    seed: Whole | None = None
-    """World seed of the embedded world."""
-    streets: Streets | None = None
-    """Traffic and houses of the embedded world, dry or after rain."""
 
     @property
     def foreign(self) -> bool:
@@ -86,9 +63,8 @@ class DataSource(Checked):
 
     def config(self, of_run: DataConfig | None = None) -> DataConfig:
         """The data set's settings; `of_run` are those of the command's run."""
-        optional = ("variations", "camera", "lidar", "rows", "seed", "streets")
-        given = {name: value for name in optional if (value := getattr(self, name)) is not None}
-        return source_of(of_run or DataConfig(), self.kind, root=self.root, scenes=self.scenes, **given)
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        return source_of(of_run or DataConfig(), **given)
 
     def named(self, by: str, example: str) -> DataConfig:
         """The data set's settings, for a command without a run. Raises ValueError where no data set was named."""

@@ -5,7 +5,7 @@ An experiment (`configs/*.py`) is one `Experiment` (intensity.py), `DetectorExpe
 flag of `jaxsim train` (`--optim.lr 1e-4`). A run folder keeps the whole value as `config.json`.
 """
 
-from jaxsim.config.data import DataConfig, DataKind, InputName, PrepareConfig, RunConfig, Streets
+from jaxsim.config.data import DataConfig, DataKind, FrameSource, InputName, PrepareConfig, RunConfig, Streets
 from jaxsim.config.depth import DepthExperiment, Norms, Part, PenetConfig, Stage
 from jaxsim.config.detector import (
     AnchorConfig,
@@ -42,6 +42,7 @@ __all__ = [
     "DetectorExperiment",
     "DiscriminatorConfig",
     "Experiment",
+    "FrameSource",
     "GeneratorConfig",
     "InputName",
     "LoopConfig",

@@ -6,7 +6,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Whole
+from jaxsim.config.ranges import (
+    Checked,
+    Chosen,
+    Count,
+    Drawn,
+    File,
+    Kept,
+    NotNegative,
+    OfFrame,
+    Positive,
+    Whole,
+    settings_of,
+)
 
 DataKind = Literal[
     "synthetic",
@@ -28,50 +40,66 @@ Streets = Literal["town", "suburb", "wet_town", "wet_suburb"]
 
 
 @dataclass(frozen=True)
-class DataConfig(Checked):
+class FrameSource(Checked):
+    """A data set, so far as it is named: what is None, or empty, is as a run has it, or as in training."""
+
+    kind: Literal["same", DataKind] = "same"
+    """Kind of data set; `same`: the run's own."""
+    root: File[Path | None] = None
+    """Folder of the data set: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step),
+    `sequences/` (odometry), any of these (kitti), or `Scene01/` (vkitti2); the `--out` of `jaxsim frames`
+    (polar) or `jaxsim prepare` (prepared)."""
+    scenes: OfFrame[tuple[str, ...]] = ()
+    """Sequences of kitti_tracking and kitti_step to use, `0001 0018`, of kitti_odometry, `00 08`, or scenes of vkitti2,
+    `Scene01`. None named: all, and all must be there (of kitti_odometry those that are)."""
+    variations: OfFrame[tuple[str, ...] | None] = None
+    """Of vkitti2: `clone` (the default), `15-deg-left`, `fog` ..."""
+    camera: OfFrame[Literal[0, 1] | None] = None
+    """Of vkitti2: 0 left (the default), 1 right."""
+    lidar: OfFrame[Literal["kitti", "camera"] | None] = None
+    """Where the LiDAR is thought to be in vkitti2, and the camera in the embedded world: apart as on KITTI's car (the
+    default), or in one place, so that nothing that the camera sees is hidden from the LiDAR (the paper's additional
+    camera)."""
+    rows: Literal["file_order", "elevation"] | None = None
+    """Laser line of a KITTI point: from the file's order (the default), or the nearest beam, for clouds that were
+    reordered."""
+    seed: OfFrame[Whole | None] = None
+    """World seed of the embedded world: frame i depends on (seed, i) alone."""
+    streets: OfFrame[Streets | None] = None
+    """Traffic and houses of the embedded world: two places that differ in how often what stands there, dry or after
+    rain. A seed has the same streets in both, with other traffic: give another place another seed."""
+
+
+@dataclass(frozen=True)
+class DataConfig(FrameSource):
     """Which frames to learn from."""
 
     kind: DataKind = "synthetic"
     """`synthetic` is the embedded world and needs no files; `prepared` is what `jaxsim prepare` made of another."""
-    root: Path | None = None
-    """Folder of the data set: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step),
-    `sequences/` (odometry), any of these (kitti), or `Scene01/` (vkitti2); the `--out` of `jaxsim frames`
-    (polar) or `jaxsim prepare` (prepared)."""
-    scenes: tuple[str, ...] = ()
-    """Sequences of kitti_tracking and kitti_step to use, `0001 0018`, of kitti_odometry, `00 08`, or scenes of vkitti2,
-    `Scene01`. None named: all, and all must be there (of kitti_odometry those that are)."""
-    variations: tuple[str, ...] = ("clone",)
-    """Of vkitti2: `clone`, `15-deg-left`, `fog` ..."""
-    camera: Literal[0, 1] = 0
-    """Of vkitti2: 0 left, 1 right."""
-    lidar: Literal["kitti", "camera"] = "kitti"
-    """Where the LiDAR is thought to be in vkitti2, and the camera in the embedded world: apart as on KITTI's car, or in
-    one place, so that nothing that the camera sees is hidden from the LiDAR."""
-    train: str = "0-159"
+    variations: OfFrame[tuple[str, ...]] = ("clone",)
+    camera: OfFrame[Literal[0, 1]] = 0
+    lidar: OfFrame[Literal["kitti", "camera"]] = "kitti"
+    rows: Literal["file_order", "elevation"] = "file_order"
+    seed: OfFrame[Whole] = 0
+    streets: OfFrame[Streets] = "town"
+    train: Chosen[str] = "0-159"
     """Frame numbers to train on, by position in the data set: `0-3`, `0-99,150`, or `0-99:4` for every fourth. Or a
     part that the data set names, `training` or `evaluation` of kitti_step; `training:4` is every fourth of it."""
-    validation: str = "160-199"
+    validation: Chosen[str] = "160-199"
     """Frame numbers that training never sees."""
-    seed: Whole = 0
-    """World seed of the embedded world: frame i depends on (seed, i) alone."""
-    streets: Streets = "town"
-    """Traffic and houses of the embedded world: two places that differ in how often what stands there, dry or after
-    rain. A seed has the same streets in both, with other traffic: give another place another seed."""
-    rows: Literal["file_order", "elevation"] = "file_order"
-    """Laser line of a KITTI point: from the file's order, or the nearest beam (for clouds that were reordered)."""
-    cache: Path = Path(".cache/jaxsim")
+    cache: Kept[Path] = Path(".cache/jaxsim")
     """Prepared pairs are kept here, one file a frame, so that a second run starts at once."""
 
     @property
     def bare(self) -> DataConfig:
         """The settings that decide what a frame holds: which of them are used, and where results are kept, left out."""
-        return replace(self, train="", validation="", cache=Path(), root=self.root and self.root.resolve())
+        left_out = {name: type(getattr(self, name))() for name in settings_of(DataConfig, "chosen", "kept")}
+        return replace(self, root=self.root and self.root.resolve(), **left_out)
 
     @property
     def of_frames(self) -> dict[str, Any]:
         """What the frame at a position depends on besides its files, by name: folders of frames are claimed by it."""
-        names = ("scenes", "variations", "camera", "lidar", "seed", "streets")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in settings_of(DataConfig, "frame")}
 
 
 @dataclass(frozen=True)
@@ -117,19 +145,19 @@ class PrepareConfig(Checked):
 class RunConfig(Checked):
     """Where the run is kept and how often it reports."""
 
-    name: str = ""
+    name: Kept[str] = ""
     """Folder under `out`; empty: the experiment's name."""
-    out: Path = Path("runs")
-    seed: Whole = 2
-    log_every: Count = 10
-    save_every: Whole = 200
+    out: Kept[Path] = Path("runs")
+    seed: Drawn[Whole] = 2
+    log_every: Kept[Count] = 10
+    save_every: Kept[Whole] = 200
     """Steps between checkpoints; a killed run resumes from the last. 0: the end alone; of a detector, every epoch."""
-    picture_every: Whole = 200
+    picture_every: Kept[Whole] = 200
     """Steps between validation scores and pictures (input | predicted | measured). 0: at the end alone; of a detector,
     every epoch."""
-    keep: Count = 2
+    keep: Kept[Count] = 2
     """Checkpoints kept."""
-    distributed: bool = False
+    distributed: Kept[bool] = False
     """Train together with the other processes that a launcher started (Slurm, Open MPI, Kubernetes, TPU pods; any other
     sets JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID), on all their devices. One process uses all
     devices of its machine without it."""

@@ -165,6 +165,7 @@ class OneCycleConfig(Checked):
     batch: Count = 2
     """Scenes a step, over all devices."""
     epochs: Whole = 80
+    """A resumed run may not change it: its rates depend on how long it is to learn."""
 
 
 @dataclass(frozen=True)

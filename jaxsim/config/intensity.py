@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from jaxsim.config.data import DataConfig, PrepareConfig, RunConfig
-from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Share, Whole
+from jaxsim.config.ranges import Checked, Count, File, Lasts, NotNegative, Positive, Share, Used, Whole
 
 Pix2PixForm = Literal["imaginaire", "original"]
 """Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
@@ -36,10 +36,10 @@ class GeneratorConfig(Checked):
     members: Count = 1
     """Of `unet`: so many networks, whose mean is the answer (Lakshminarayanan et al. 2017). Each learns from its own
     share of the batch; or `jaxsim join` makes one of runs that were trained apart."""
-    widen: NotNegative = 1.0
+    widen: Used[NotNegative] = 1.0
     """Of `unet`: how far its quantiles lie from the median, times what was learned. A network is surer of the drives
     that it learned from than of others; how much is told by drives that it has not seen. Nothing is trained by it."""
-    looks: Literal[1, 2, 4] = 4
+    looks: Used[Literal[1, 2, 4]] = 4
     """Of `unet`: in how many ways it looks at a window for the mean of its answers: 1 as it is, 2 also in a mirror, 4
     both also lifted by some rows. Four are nearer on unseen drives, and take three times as long as one. Nothing is
     trained by it."""
@@ -101,9 +101,9 @@ class OptimConfig(Checked):
     """Added to the root of the squares' average, so that no step is divided by 0."""
     batch: Count = 8
     """Frames a step."""
-    steps: Whole = 2000
+    steps: Lasts[Whole] = 2000
     """Updates of the generator (and of the discriminator)."""
-    epochs: Whole = 0
+    epochs: Lasts[Whole] = 0
     """Times that every training frame is seen; sets `steps`. 0: `steps` says."""
     decay_from: Share = 1.0
     """Fraction of the steps after which lr falls linearly to 0; 1 keeps it constant, as the paper does."""
@@ -111,7 +111,7 @@ class OptimConfig(Checked):
     """Steps in which lr rises linearly to its value."""
     clip: NotNegative = 0.0
     """Gradients of a larger norm are scaled down to it; 0: none is."""
-    start: tuple[Path, ...] = ()
+    start: File[tuple[Path, ...]] = ()
     """Files that `jaxsim convert pix2pixhd_...` wrote: train on from published weights, not from random ones."""
     updates: Literal["discriminator_first", "together"] = "discriminator_first"
     """`discriminator_first`: it learns from an image, then the generator from a fresh one (Imaginaire). `together`:

@@ -1,20 +1,22 @@
-"""Types of settings and ranges of numbers, beside the fields that they are of: what is outside is refused wherever it
-comes from.
+"""Types of settings, ranges of numbers and roles, beside the fields that they are of. What is outside its range is
+refused wherever it comes from; whoever compares settings asks for those of a role.
 
 @dataclass(frozen=True)
 class Oven(Checked):
     loaves: Count = 8
+    shelf: Kept[Path] = Path("shelf")
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import is_dataclass
 from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
 
@@ -24,6 +26,16 @@ Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
 Share = Annotated[float, Ge(0), Le(1)]
 
+# Roles. A setting without one decides what is learned.
+Role = Literal["kept", "used", "lasts", "file", "drawn", "chosen", "frame"]
+T = TypeVar("T")
+Kept = Annotated[T, "kept"]  # where results are kept, and how often
+Used = Annotated[T, "used"]  # how what was learned is used
+Lasts = Annotated[T, "lasts"]  # how long is learned: cut off or going on, it is the same training
+File = Annotated[T, "file"]  # where that lies which is learned from
+Drawn = Annotated[T, "drawn"]  # what chance decides in training
+Chosen = Annotated[T, "chosen"]  # which of a data set's frames are used
+OfFrame = Annotated[T, "frame"]  # what the frame at a position holds, besides its files
 
 MOST_SETTING = 1e12
 """No setting is larger, whatever it is of: a seed, a rate, a number of steps."""
@@ -49,10 +61,20 @@ class Checked:
 
 def _converted(value: Any, hint: Any) -> Any:
     """The path of a text, the tuple of a list, where the type asks for one; else the value itself."""
+    hint = get_args(hint)[0] if get_origin(hint) is Annotated else hint
     kinds = [hint] if get_origin(hint) is tuple else [hint, *get_args(hint)]
     if isinstance(value, str) and Path in kinds:
         return Path(value)
     return tuple(value) if isinstance(value, list) and any(get_origin(kind) is tuple for kind in kinds) else value
+
+
+def settings_of(kind: type, *roles: Role) -> Iterator[str]:
+    """Names of a dataclass's settings that have one of these roles, names within names dotted: `run.keep`."""
+    for name, hint in _hints(kind).items():
+        if is_dataclass(hint) and isinstance(hint, type):
+            yield from (f"{name}.{inner}" for inner in settings_of(hint, *roles))
+        elif {*roles} & {*getattr(hint, "__metadata__", ())}:
+            yield name
 
 
 @cache

@@ -23,7 +23,8 @@ Files in the order in which the data meets them:
     add                          what was named, fitted together
     regimes, repeats             what acts in a part alone; what comes back at the same rows and columns
     show                         how far the sides are apart on unseen scenes, and what a report draws of them
-    sensitivity, levels, objects what the frames could show; noise, and targets, of both sides
+    relation, sensitivity        whether intensities are related at all; what the frames could show
+    levels, objects              noise, and targets, of both sides
     explain, verdict             the answer in plain values
     place, ask                   the stages of the whole way: the sensor where it stands; which effect is missing;
     complete, conclude           all of it fitted together; held against unseen scenes, as a verdict and a sensor model

@@ -19,7 +19,7 @@ from jaxsim.discover.name.select import Log
 from jaxsim.discover.place import Placed
 from jaxsim.discover.read import read_comparison
 from jaxsim.discover.read.control import Control
-from jaxsim.discover.sensitivity import correlations, of_ranges, unrelated
+from jaxsim.discover.relation import correlations, of_ranges, unrelated
 from jaxsim.effects import Effect
 
 HIDDEN_BY_NOISE = (("intensity", "rgb"), ("intensity", "hue"), ("intensity", "hue angle"))

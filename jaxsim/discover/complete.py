@@ -20,7 +20,7 @@ from jaxsim.discover.show import law_gains
 
 
 @dataclass(frozen=True)
-class FittedAnswer:
+class Completed:
     """What was named, with all of it fitted together."""
 
     answer: Answer
@@ -31,7 +31,7 @@ class FittedAnswer:
 
 def complete(
     found: Dependences, divided: Divided, others: Sequence[Callable[[], OtherSides]], *, log: Log
-) -> FittedAnswer:
+) -> Completed:
     """What was named, fitted together; a law for what no effect describes; and laws of what repeats at the same rows
     and columns in every scene with these in place, but does not on `others`, other sides."""
     log("fitting what was named together")
@@ -60,4 +60,4 @@ def complete(
         added = with_repeats(added, [one.learned for one in repeats])
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
         answer = with_what_repeats(answer, repeats[0])
-    return FittedAnswer(replace(answer, choice=choice), added, repeats)
+    return Completed(replace(answer, choice=choice), added, repeats)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from jaxsim.devices import side_by_side
 from jaxsim.discover.add import changes
 from jaxsim.discover.ask import Asked
-from jaxsim.discover.complete import FittedAnswer
+from jaxsim.discover.complete import Completed
 from jaxsim.discover.contrast import contrast_of_answer
 from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, ranking, why_not
 from jaxsim.discover.law.search import closed_law
@@ -43,11 +43,11 @@ class Shown:
     """Residuals before and after, of all frames where these were judged."""
 
 
-def show(asked: Asked, fitted: FittedAnswer, *, every_frame: bool, log: Log) -> Shown:
+def show(asked: Asked, completed: Completed, *, every_frame: bool, log: Log) -> Shown:
     """Holds an answer against judge scenes, and with `every_frame` against all frames that were not read."""
     log("judging on unseen scenes")
     found, comparison = asked.placed.found, asked.placed.comparison
-    choice, added = fitted.answer.choice, fitted.added
+    choice, added = completed.answer.choice, completed.added
     judged, (levels, objects, sensitive) = side_by_side(
         partial(show_gap, found.null, choice, added),
         lambda: (
@@ -66,12 +66,12 @@ def show(asked: Asked, fitted: FittedAnswer, *, every_frame: bool, log: Log) -> 
 
 
 def verdict_of(
-    asked: Asked, divided: Divided, fitted: FittedAnswer, *, shown: Shown, given: SensorModel, seconds: float
+    asked: Asked, divided: Divided, completed: Completed, *, shown: Shown, given: SensorModel, seconds: float
 ) -> Verdict:
     """The answer in plain values, beside what was `given` of the sensor: what fits and judge scenes say, before what
     was put in place first is told with it."""
     placed, every = asked.placed, shown.every_frame
-    answer, added = fitted.answer, fitted.added
+    answer, added = completed.answer, completed.added
     choice, null = answer.choice, placed.found.null.problem
     control, learned_before = placed.division.control, len(placed.mounting.known.learned)
     return Verdict(
@@ -97,8 +97,8 @@ def verdict_of(
         objects=shown.objects,
         own=own_candidates(choice),
         learned=added.sensor.learned[learned_before:],
-        law=closed_law(added.learned) if added.learned else formula_of(fitted.repeats),
-        repeats=tuple(one.repeat for one in fitted.repeats),
+        law=closed_law(added.learned) if added.learned else formula_of(completed.repeats),
+        repeats=tuple(one.repeat for one in completed.repeats),
         every_frame=every,
         regimes=divided.regimes,
         registered=registered_of(placed.comparison),
@@ -114,13 +114,13 @@ def verdict_of(
 
 
 def result_of(
-    asked: Asked, divided: Divided, fitted: FittedAnswer, *, shown: Shown, given: SensorModel, seconds: float
+    asked: Asked, divided: Divided, completed: Completed, *, shown: Shown, given: SensorModel, seconds: float
 ) -> Result:
     """The verdict with what was put in place first, the sensor model without what is not confirmed, and the evidence
     of both; `given` is what was known of the sensor, beside its control."""
-    placed, added = asked.placed, fitted.added
+    placed, added = asked.placed, completed.added
     grid, control = placed.comparison.scan.grid, placed.division.control
-    verdict = verdict_of(asked, divided, fitted, shown=shown, given=given, seconds=seconds)
+    verdict = verdict_of(asked, divided, completed, shown=shown, given=given, seconds=seconds)
     of_mounting = named_mounting(placed.mounting, placed.division.parts, rows=len(grid.elevation_rad))
     verdict = with_placed(without_unconfirmed(verdict), placed.of_drive.effects, how=placed.of_drive.how)
     verdict = with_placed(verdict, *of_mounting, how=BY_RANGES)
@@ -136,6 +136,6 @@ def result_of(
         grid,
         *shown.maps,
         shown.judged.curves,
-        fitted.answer.choice.first_ranking,
+        completed.answer.choice.first_ranking,
         shown.judged.frames,
     )

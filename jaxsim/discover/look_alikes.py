@@ -30,17 +30,15 @@ from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import CLASSES, Array
 
 TYPICAL_SD = {
-    "log_intensity": 0.1,
-    "reading_m": 0.02,
-    "noise_m": 0.02,
-    "keep": 0.2,
-    "between": 0.2,
-    "ghost": 0.2,
-    "clutter": 0.2,
+    "log_intensity": RULES.typical_nats,
+    "reading_m": RULES.typical_m,
+    "noise_m": RULES.typical_m,
+    "keep": RULES.typical_probability,
+    "between": RULES.typical_probability,
+    "ghost": RULES.typical_probability,
+    "clutter": RULES.typical_probability,
 }
 """Standard deviations of a ray, in which a change is counted: nats, m, m, and probabilities."""
-RAY_MOST = 10.0
-"""Standard deviations that one ray counts for at most: jumps to another surface are as good as lost."""
 MOST_RAYS = 5000
 """Compared at most."""
 IMITATION_STEPS = 30
@@ -119,7 +117,7 @@ def _difference(after: dict[str, Array], before: dict[str, Array], rays: Rays) -
     for name, sd in TYPICAL_SD.items():
         change = (after[name] - before[name]).ravel() / sd
         # Bounded, and still with a slope from afar.
-        change = jnp.where(hit, RAY_MOST * jnp.tanh(change / RAY_MOST), 0.0)
+        change = jnp.where(hit, RULES.most_changed_sd * jnp.tanh(change / RULES.most_changed_sd), 0.0)
         if name == "log_intensity":
             # A class's reflectance is a nuisance: an effect that shifts whole classes alone shows nothing.
             kind = rays.semantic.ravel()

@@ -23,9 +23,6 @@ from jaxsim.geometry import grid_difference
 
 PARTS_OF_TURN = 12
 """Parts of the columns: 30 degrees each of a whole turn."""
-_LEAST = 1e-3
-"""Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm; and the least scatter and the
-least change of returns that has none, for means of equal shares differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +82,7 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
     """Log intensity and share of returns of a frame, and of its rows and sectors beside the median of these: one that
     changes does not move the others."""
     valid = np.asarray(image.valid)
-    log_intensity = np.log(np.maximum(np.asarray(image.intensity), _LEAST))
+    log_intensity = np.log(np.maximum(np.asarray(image.intensity), RULES.watch_least))
     # The whole frame, then its rows, then its sectors: the order of `measure_names`.
     parts = [valid, *valid, *np.array_split(valid, PARTS_OF_TURN, axis=1)]
     values = [log_intensity, *log_intensity, *np.array_split(log_intensity, PARTS_OF_TURN, axis=1)]
@@ -121,8 +118,8 @@ def changes(
         low, high = difference_interval(now, then, level=1 - RULES.watch_chance / len(names))
         value = float(now.mean() - then.mean())
         # Intensities without any scatter say nothing of chance; a beam that always returns has none, nor a dead one.
-        told = low < high or (channel == "returns" and abs(value) > _LEAST)
+        told = low < high or (channel == "returns" and abs(value) > RULES.watch_least)
         if told and (low > 0 or high < 0):
             # Ranked in units of scatter: nats and shares do not compare.
-            changed.append((abs(value) / max(high - low, _LEAST), Change(what, channel, value, low, high)))
+            changed.append((abs(value) / max(high - low, RULES.watch_least), Change(what, channel, value, low, high)))
     return tuple(change for _, change in sorted(changed, key=lambda pair: -pair[0]))

@@ -76,11 +76,11 @@ def discover(
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
     divided = find_regimes(found.null, asked.answer, without=asked.without, log=log)
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
-    fitted = complete(found, divided, asked.others, log=log)
+    completed = complete(found, divided, asked.others, log=log)
     # Show: the scenes that nothing has seen.
-    shown = show(asked, fitted, every_frame=every_frame, log=log)
+    shown = show(asked, completed, every_frame=every_frame, log=log)
     seconds = time.monotonic() - begun
-    return result_of(asked, divided, fitted, shown=shown, given=known, seconds=seconds)
+    return result_of(asked, divided, completed, shown=shown, given=known, seconds=seconds)
 
 
 @by_small_steps

@@ -5,9 +5,9 @@ carla, isaac, rgl, gazebo, helios    an engine each: what it can express, in its
 """
 
 from jaxsim.engines import carla, gazebo, helios, isaac, rgl
-from jaxsim.engines.engine import Engine, Estimate, FittedSensor, Setting, Translation, read_answer, translate
+from jaxsim.engines.engine import Engine, Estimate, Estimates, Setting, Translation, read_answer, translate
 
-__all__ = ["ENGINES", "Engine", "Estimate", "FittedSensor", "Setting", "Translation", "read_answer", "translate"]
+__all__ = ["ENGINES", "Engine", "Estimate", "Estimates", "Setting", "Translation", "read_answer", "translate"]
 
 ENGINES: dict[str, Engine] = {
     "carla": carla.ENGINE,

@@ -24,7 +24,7 @@ from jaxsim.engines.engine import (
     OF_SURFACES,
     Engine,
     Estimate,
-    FittedSensor,
+    Estimates,
     Setting,
     any_loss,
     combined,
@@ -50,7 +50,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: FittedSensor, now: Mapping[str, float]) -> list[Setting]:
+def settings(answer: Estimates, now: Mapping[str, float]) -> list[Setting]:
     """CARLA's attributes, `now` what they are in the frames that were compared."""
     was = now["atmosphere_attenuation_rate"]
     extinction = answer.one("atmospheric_extinction", "coefficient_per_m")
@@ -72,7 +72,7 @@ LEAST_LOSS = 0.01
 """Share of rays that a threshold on the power may lose within LOSS_RANGES_M and still count as none."""
 
 
-def losses(answer: FittedSensor, now: Mapping[str, float], *, rate: float) -> list[Setting]:
+def losses(answer: Estimates, now: Mapping[str, float], *, rate: float) -> list[Setting]:
     """Drop-off and reach that lose as many rays at each distance as the answer, with an attenuation of `rate`.
 
     CARLA loses every class alike: of `material_dropout` it takes the mean over classes. `snr_dropout` has CARLA's own
@@ -109,7 +109,7 @@ class Faint(NamedTuple):
     """A longest range in their place, m."""
 
 
-def faint_losses(answer: FittedSensor, *, rate: float) -> Faint:
+def faint_losses(answer: Estimates, *, rate: float) -> Faint:
     """What `snr_dropout` says: CARLA's own losses, those of CARLA's that come nearest, or a cut where that comes
     nearer."""
     if "snr_dropout" not in answer.effects:
@@ -174,7 +174,7 @@ def nearest_drop_off(lost: Float[np.ndarray, " n"], intensity: Float[np.ndarray,
     return min(tried)
 
 
-def mounting(answer: FittedSensor) -> list[Setting]:
+def mounting(answer: Estimates) -> list[Setting]:
     """The change of the sensor's transform, in CARLA's axes (y to the right, pitch up, yaw clockwise)."""
     names = {
         ("extrinsic_translation", "x_m"): ("x", 1, "m"),

@@ -39,8 +39,8 @@ class Estimate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class FittedSensor:
-    """A sensor.json, with the intervals of the verdict.json beside it where there is one."""
+class Estimates:
+    """What was found: a sensor.json, with the intervals of the verdict.json beside it where there is one."""
 
     effects: dict[str, dict[str, tuple[Estimate, ...]]]
     """By effect and parameter: one number, or one a beam or class; of effects that act everywhere."""
@@ -109,7 +109,7 @@ class Engine(NamedTuple):
     """A simulator that an answer can be written for."""
 
     title: str
-    settings: Callable[[FittedSensor, Mapping[str, float]], list[Setting]]
+    settings: Callable[[Estimates, Mapping[str, float]], list[Setting]]
     """What it can express; the mapping holds the values that it has now."""
     expresses: frozenset[str]
     """Effects and levels that `settings` uses."""
@@ -127,7 +127,7 @@ class Engine(NamedTuple):
     """In words, of an engine that has a longest range alone: what does the shortest one instead."""
 
 
-def read_answer(path: Path) -> FittedSensor:
+def read_answer(path: Path) -> Estimates:
     """The answer of a sensor.json, with the intervals of the verdict.json beside it where both have the same values.
 
     Raises ValueError where it is none, as `SensorModel.load`, and where the two are of other numbers of beams.
@@ -159,7 +159,7 @@ def read_answer(path: Path) -> FittedSensor:
         if name not in model.regions
     }
     levels = {name: fitted(float(value), missing.get(name), name)[0] for name, value in model.levels.items()}
-    return FittedSensor(effects, levels, len(model.learned), tuple(model.regions), tuple(apart))
+    return Estimates(effects, levels, len(model.learned), tuple(model.regions), tuple(apart))
 
 
 def _agree(values: Sequence[float], interval: Any, *, where: str, other: Path) -> bool:
@@ -186,9 +186,7 @@ def _ends(interval: Any, key: str, count: int) -> list[float]:
     return [float(end) if isinstance(end, int | float) else math.nan for end in ends]
 
 
-def translate(
-    answer: FittedSensor, name: str, engine: Engine, *, now: Mapping[str, float] | None = None
-) -> Translation:
+def translate(answer: Estimates, name: str, engine: Engine, *, now: Mapping[str, float] | None = None) -> Translation:
     """An answer in the words of an engine, whose settings are `now` what the mapping says, else its defaults.
 
     Raises ValueError for settings that nothing is made of.
@@ -231,13 +229,13 @@ def known(*rows: tuple[str, Estimate | None, str, str]) -> list[Setting]:
     return [Setting(name, value, unit, why) for name, value, unit, why in rows if value is not None]
 
 
-def noise_of_range(answer: FittedSensor, name: str) -> list[Setting]:
+def noise_of_range(answer: Estimates, name: str) -> list[Setting]:
     """The engine's setting `name` of the range's noise; none where there is no such noise."""
     why = "noise of the range, one number for all echoes; of range_noise that at the reference power"
     return known((name, answer.range_noise, "m", why))
 
 
-def mean_bias(answer: FittedSensor, name: str, more: str = "") -> list[Setting]:
+def mean_bias(answer: Estimates, name: str, more: str = "") -> list[Setting]:
     """The engine's setting `name` of the range's bias, which has one number for all beams; none without a bias."""
     of_beams = answer.each("beam_range_bias", "bias_m")
     bias = combined(answer.one("range_offset", "offset_m"), mean_of(of_beams) if of_beams else None, how=sum)
@@ -245,7 +243,7 @@ def mean_bias(answer: FittedSensor, name: str, more: str = "") -> list[Setting]:
     return known((name, bias, "m", why))
 
 
-def limits_of_range(answer: FittedSensor, *, minimum: str, maximum: str) -> list[Setting]:
+def limits_of_range(answer: Estimates, *, minimum: str, maximum: str) -> list[Setting]:
     """The engine's settings of these names for the ranges that `range_gate` lets through."""
     ends = {minimum: answer.limit("minimum_m"), maximum: answer.limit("maximum_m")}
     return known(*((name, end, "m", "range_gate") for name, end in ends.items()))

@@ -12,7 +12,7 @@ from jaxsim.engines.engine import (
     LOSSES,
     OF_INTENSITY,
     Engine,
-    FittedSensor,
+    Estimates,
     Setting,
     known,
     limits_of_range,
@@ -35,7 +35,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: FittedSensor, _: Mapping[str, float]) -> list[Setting]:
+def settings(answer: Estimates, _: Mapping[str, float]) -> list[Setting]:
     """Elements of <lidar>."""
     return [
         *mean_bias(answer, "noise.mean"),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.engine import OF_SURFACES, Engine, FittedSensor, Setting, known, limits_of_range, noise_of_range
+from jaxsim.engines.engine import OF_SURFACES, Engine, Estimates, Setting, known, limits_of_range, noise_of_range
 
 _MATERIAL = (
     "reflection is of the scene's materials (.mtl: helios_reflectance, and its Phong terms): change these for the "
@@ -31,7 +31,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: FittedSensor, _: Mapping[str, float]) -> list[Setting]:
+def settings(answer: Estimates, _: Mapping[str, float]) -> list[Setting]:
     """Attributes of <scanner>."""
     divergence = answer.one("incidence_range_bias", "divergence_rad")
     extinction = answer.one("atmospheric_extinction", "coefficient_per_m")

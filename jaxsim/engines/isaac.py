@@ -13,7 +13,7 @@ from jaxsim.engines.engine import (
     OF_SURFACES,
     Engine,
     Estimate,
-    FittedSensor,
+    Estimates,
     Setting,
     degrees,
     known,
@@ -44,7 +44,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: FittedSensor, _: Mapping[str, float]) -> list[Setting]:
+def settings(answer: Estimates, _: Mapping[str, float]) -> list[Setting]:
     """Attributes of the prim; those of emitters are changes, one an emitter, top beam first."""
     divergence = answer.one("incidence_range_bias", "divergence_rad")
     wide = divergence and degrees(divergence)

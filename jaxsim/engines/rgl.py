@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from jaxsim.effects.catalogue.range_falloff import REFERENCE_M
-from jaxsim.engines.engine import LOSSES, OF_INTENSITY, Engine, FittedSensor, Setting, known, mean_bias
+from jaxsim.engines.engine import LOSSES, OF_INTENSITY, Engine, Estimates, Setting, known, mean_bias
 
 _TEXTURE = (
     "intensity is the value of the mesh's texture (rgl_entity_set_intensity_texture), whatever range and angle: write "
@@ -30,7 +30,7 @@ INSTEAD = {
 }
 
 
-def settings(answer: FittedSensor, _: Mapping[str, float]) -> list[Setting]:
+def settings(answer: Estimates, _: Mapping[str, float]) -> list[Setting]:
     """The arguments of the noise of distances."""
     base, grows = answer.levels.get("range_noise"), answer.one("range_noise", "sd_m")
     rise = grows and grows.mapped(lambda sd: sd / REFERENCE_M)

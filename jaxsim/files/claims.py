@@ -48,7 +48,7 @@ def claim(
                 raise ValueError(f"{by}: {record} cannot be read ({error!r}); {remedy}") from error
         elif was is None:
             raise ValueError(f"{by}: {folder} is not empty, and no {record.name} says what it was made with; {remedy}")
-        other = {name: values for name, *values in _changes(was, made) if not _within(name, free)}
+        other = {name: values for name, *values in _changes(was, made, free=free)}
         if other:
             told = "; ".join(_told(name, *values) for name, values in other.items())
             hints = [note] if note else []
@@ -86,17 +86,18 @@ def claim_settings(
     )
 
 
-def differences(old: Any, new: Any, name: str = "") -> Iterator[str]:
-    """In words, the settings in which two trees of plain values differ: `data.root was a, now b`."""
-    yield from (_told(*change) for change in _changes(old, new, name))
+def differences(old: Any, new: Any, name: str = "", *, free: Collection[str] = ()) -> Iterator[str]:
+    """In words, the settings in which two trees of plain values differ, but for those in `free`: `data.root was a, now
+    b`."""
+    yield from (_told(*change) for change in _changes(old, new, name, free=free))
 
 
-def _changes(old: Any, new: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+def _changes(old: Any, new: Any, name: str = "", *, free: Collection[str] = ()) -> Iterator[tuple[str, Any, Any]]:
     """The dotted name of each leaf that differs, with its old and its new value; None where there was none."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         for key in {**old, **new}:
-            yield from _changes(old.get(key), new.get(key), f"{name}.{key}" if name else key)
-    elif old != new:
+            yield from _changes(old.get(key), new.get(key), f"{name}.{key}" if name else key, free=free)
+    elif old != new and not _within(name, free):
         yield name, old, new
 
 

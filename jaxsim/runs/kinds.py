@@ -94,8 +94,6 @@ class Kind:
     run: type[Any]
     builder: str
     """`module:function` that makes a `Training` of an experiment; a name, as runs are also loaded below training."""
-    fixed: tuple[str, ...] = ()
-    """Settings that its runs may not change when they resume, though others may."""
     bare: bool = False
     """Whether config.json holds the experiment alone."""
 
@@ -117,14 +115,7 @@ class Kind:
 
 KINDS = (
     Kind("an intensity network", "generator", Experiment, Run, "jaxsim.train.intensity:intensity_training"),
-    Kind(
-        "a detector",
-        "detector",
-        DetectorExperiment,
-        DetectorRun,
-        "jaxsim.train.detector:detector_training",
-        fixed=("optim.epochs",),  # its rates depend on how long it is to learn
-    ),
+    Kind("a detector", "detector", DetectorExperiment, DetectorRun, "jaxsim.train.detector:detector_training"),
     Kind(
         "a depth completion network", "penet", DepthExperiment, DepthRun, "jaxsim.train.depth:depth_training", bare=True
     ),

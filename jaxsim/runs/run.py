@@ -21,6 +21,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from jaxsim.config import Experiment
+from jaxsim.config.ranges import Role, settings_of
 from jaxsim.files import check_size, claim, digest, first_line, lock, placed, read_json
 from jaxsim.frame import Array, CameraFrame
 from jaxsim.geometry import LidarSpec
@@ -33,21 +34,8 @@ MOST_CHECKPOINT = 64 * 2**30
 """Bytes of one file of a checkpoint."""
 SUMS = "sha256"
 """Item of a checkpoint that holds the SHA-256 of the others."""
-CHANGEABLE = (
-    "data.cache",
-    "generator.widen",  # how what was learned is told
-    "generator.looks",
-    "optim.steps",
-    "optim.epochs",
-    "run.out",  # where the folder lies, which may have been moved
-    "run.name",
-    "run.log_every",
-    "run.save_every",
-    "run.picture_every",
-    "run.keep",
-    "run.distributed",
-)
-"""Settings that a resumed run may change: none of them changes what was learned so far."""
+RESUMED: tuple[Role, ...] = ("kept", "used", "lasts")
+"""Roles of settings that a resumed run may change: none of them changes what was learned so far."""
 
 
 def describe_run(experiment: Experiment, spec: LidarSpec, view: CameraFrame) -> Run:
@@ -102,7 +90,7 @@ def _claim(folder: Path, experiment: AnyExperiment, *, text: bytes | None = None
         by="run",
         text=text,
         read=lambda _: kind.plain(load_run(folder, kind.run).experiment),
-        free=[name for name in CHANGEABLE if name not in kind.fixed],
+        free=[*settings_of(kind.experiment, *RESUMED)],
         instead="another --run.name",
     )
 

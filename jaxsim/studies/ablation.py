@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 
 from jaxsim.config import DataConfig, Experiment, InputName
+from jaxsim.config.ranges import settings_of
 from jaxsim.data import open_dataset, select
 from jaxsim.evaluate.intensity import baseline_sums, frechet_line, frechet_of_run, score_pairs
 from jaxsim.frame import Painted, PolarImage
@@ -85,14 +86,14 @@ def named_sensors(sensors: Mapping[str, LearnedSensor]) -> dict[str, LearnedSens
 
 
 def _compared(experiment: Experiment) -> dict[str, Any]:
-    """Settings in which runs of one table must agree: all that decides what is learned, but for the inputs."""
-    data = replace(experiment.data, cache=Path(), root=experiment.data.root and experiment.data.root.resolve())
-    parts = {
-        "data": data,
-        "prepare": replace(experiment.prepare, inputs=besides(experiment.prepare.inputs)),
-        **{name: getattr(experiment, name) for name in ("generator", "discriminator", "loss", "optim")},
-    }
-    return {f"{part}.{key}": value for part, config in parts.items() for key, value in vars(config).items()}
+    """Settings in which runs of one table must agree: all that decides what is learned and how it is used, but for the
+    inputs."""
+    data = replace(experiment.data, root=experiment.data.root and experiment.data.root.resolve())
+    prepare = replace(experiment.prepare, inputs=besides(experiment.prepare.inputs))
+    parts = vars(replace(experiment, data=data, prepare=prepare))
+    named = {f"{part}.{key}": value for part, config in parts.items() for key, value in vars(config).items()}
+    free = [*settings_of(Experiment, "kept", "drawn")]
+    return {name: value for name, value in named.items() if name not in free}
 
 
 def train_all(

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 
 from jaxsim.config import Experiment
+from jaxsim.config.ranges import settings_of
 from jaxsim.files import differences, write_text
 from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
@@ -63,21 +64,9 @@ def _check(folder: Path, run: Run, *, first: Run) -> None:
     if generator.form != "unet" or generator.members > 1:
         what = f"{generator.form}'s" if generator.form != "unet" else "joined itself"
         raise ValueError(f"join: {folder} is {what}; name runs of one U-Net each (--generator.form unet)")
-    alike = _as(first.experiment, run.experiment)
-    plain = kind_of(first).plain
-    if differs := list(differences(plain(first.experiment), plain(alike))):
+    plain, free = kind_of(first).plain, settings_of(Experiment, "kept", "used", "file", "drawn")
+    if differs := list(differences(plain(first.experiment), plain(run.experiment), free=[*free])):
         raise ValueError(f"join: of {folder} {', '.join(differs)}; runs that are joined differ in their seed alone")
-
-
-def _as(first: Experiment, other: Experiment) -> Experiment:
-    """The other one with those settings of the first that change nothing of what is learned, and its seed."""
-    return replace(
-        other,
-        data=replace(other.data, root=first.data.root, cache=first.data.cache),
-        generator=replace(other.generator, widen=first.generator.widen, looks=first.generator.looks),
-        optim=replace(other.optim, start=first.optim.start),
-        run=first.run,
-    )
 
 
 def _joined(first: Run, members: int, out: Path) -> Run:

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from jaxsim.cli import main
-from jaxsim.config import DataConfig, Experiment, OptimConfig, PrepareConfig, RunConfig
+from jaxsim.config import DataConfig, DetectorExperiment, Experiment, OptimConfig, PrepareConfig, RunConfig
+from jaxsim.config.ranges import settings_of
 
 
 @pytest.mark.parametrize(
@@ -66,3 +67,15 @@ def test_a_path_may_be_text_and_a_tuple_a_list():
     assert (data.root, data.cache) == (Path("drives"), Path("kept"))
     listed, settings = PrepareConfig(inputs=["rgb", "row"]), PrepareConfig(inputs=("rgb", "row"))
     assert (listed, hash(listed)) == (settings, hash(settings))
+
+
+def test_settings_are_named_by_their_role():
+    assert [*settings_of(DataConfig, "chosen", "kept")] == ["train", "validation", "cache"]
+    assert [*settings_of(Experiment, "used", "drawn")] == ["generator.widen", "generator.looks", "run.seed"]
+    assert not [*settings_of(DetectorExperiment, "lasts")]
+
+
+def test_a_setting_with_a_role_is_of_its_type_like_any_other():
+    assert DataConfig(scenes=["0001"]).scenes == ("0001",)
+    with pytest.raises(ValueError, match=r"keep .* must be 1 or more"):
+        RunConfig(keep=0)

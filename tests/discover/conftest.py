@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.ask import Asked, ask
-from jaxsim.discover.complete import FittedAnswer, complete
+from jaxsim.discover.complete import Completed, complete
 from jaxsim.discover.conclude import Shown, show
 from jaxsim.discover.model.evidence import Evidence, gather
 from jaxsim.discover.place import Placed, place
@@ -33,7 +33,7 @@ class Stages(NamedTuple):
     placed: Placed
     asked: Asked
     divided: Divided
-    fitted: FittedAnswer
+    completed: Completed
     shown: Shown
 
 
@@ -50,6 +50,6 @@ def stages() -> Stages:
         placed = place(Comparison(scan, measured, names, names), catalogue, known, log=lambda line: None)
         asked = ask(placed, nulls=0, log=lambda line: None)
         divided = find_regimes(placed.found.null, asked.answer, without=asked.without, log=lambda line: None)
-        fitted = complete(asked.placed.found, divided, asked.others, log=lambda line: None)
-        shown = show(asked, fitted, every_frame=False, log=lambda line: None)
-    return Stages(placed, asked, divided, fitted, shown)
+        completed = complete(asked.placed.found, divided, asked.others, log=lambda line: None)
+        shown = show(asked, completed, every_frame=False, log=lambda line: None)
+    return Stages(placed, asked, divided, completed, shown)

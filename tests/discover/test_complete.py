@@ -9,7 +9,7 @@ pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
 
 
 def test_what_was_named_is_fitted_on_top_of_what_is_known(stages):
-    added = stages.fitted.added
+    added = stages.completed.added
     assert [name for name, _ in added.sensor.effects] == ["random_dropout", "range_offset"]
     [offset] = added.parameters
     [interval] = offset.values()
@@ -17,13 +17,13 @@ def test_what_was_named_is_fitted_on_top_of_what_is_known(stages):
 
 
 def test_where_nothing_repeats_and_no_curve_is_left_the_answer_stays(stages):
-    assert stages.fitted.repeats == ()
-    assert stages.fitted.added.learned is None
-    assert stages.fitted.answer.verdict == stages.asked.answer.verdict == "named"
+    assert stages.completed.repeats == ()
+    assert stages.completed.added.learned is None
+    assert stages.completed.answer.verdict == stages.asked.answer.verdict == "named"
 
 
 def test_the_answers_problem_has_what_was_added_in_place(stages):
     before = np.asarray(stages.placed.found.null.problem.ev.rays.reading_m)
-    after = np.asarray(stages.fitted.answer.choice.problem.ev.rays.reading_m)
+    after = np.asarray(stages.completed.answer.choice.problem.ev.rays.reading_m)
     hit = np.asarray(stages.placed.found.null.problem.ev.rays.hit)
     np.testing.assert_allclose((after - before)[hit], FAR_M, atol=0.005)

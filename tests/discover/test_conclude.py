@@ -13,7 +13,7 @@ GIVEN = SensorModel((("random_dropout", {"probability": 0.01}),))
 
 def told(stages, **changed):
     shown = replace(stages.shown, **changed)
-    return result_of(stages.asked, stages.divided, stages.fitted, shown=shown, given=GIVEN, seconds=1.5)
+    return result_of(stages.asked, stages.divided, stages.completed, shown=shown, given=GIVEN, seconds=1.5)
 
 
 def test_a_confirmed_effect_is_in_verdict_and_sensor_model(stages):
@@ -42,6 +42,6 @@ def test_what_judge_scenes_do_not_gain_by_is_in_neither(stages):
 
 
 def test_before_it_is_held_against_judge_scenes_a_verdict_has_all_that_was_found(stages):
-    verdict = verdict_of(stages.asked, stages.divided, stages.fitted, shown=stages.shown, given=GIVEN, seconds=0.0)
+    verdict = verdict_of(stages.asked, stages.divided, stages.completed, shown=stages.shown, given=GIVEN, seconds=0.0)
     assert [effect.name for effect in verdict.effects] == ["range_offset"]
     assert (verdict.control, verdict.contrast, verdict.unrelated) == (None, None, False)

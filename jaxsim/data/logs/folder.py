@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.data.logs.gridding import FIRST, Sensor, infer_sensor, to_sweep
+from jaxsim.data.logs.gridding import FIRST, ScanLayout, infer_layout, to_sweep
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, naming_log
 from jaxsim.data.polar_frames import Announced, about_frame, frame_anew, read_grid, write_frame
 from jaxsim.data.sweeps import Sweep
@@ -42,7 +42,7 @@ class Written:
     columns: int
     filled: float
     """Share of cells with a return, of the frames that were written."""
-    sensor: Sensor | None
+    layout: ScanLayout | None
     """None where the log's frames came with a grid of their own."""
 
     def words(self, out: Path) -> str:
@@ -54,15 +54,15 @@ class Written:
             lines.append(f"  {self.already} were there")
         if self.partial:
             lines.append(f"  {counted(self.partial, 'turn')} passed over: {PARTIAL}")
-        sensor = self.sensor
-        if sensor is not None:
-            top, bottom = np.rad2deg(sensor.beams.elevation_rad[[0, -1]])
+        layout = self.layout
+        if layout is not None:
+            top, bottom = np.rad2deg(layout.beams.elevation_rad[[0, -1]])
             lines.append(
-                f"  beams from {top:.2f} to {bottom:.2f} degrees; points miss them by {sensor.beams.off_deg:.3f}"
+                f"  beams from {top:.2f} to {bottom:.2f} degrees; points miss them by {layout.beams.off_deg:.3f}"
             )
-            lines.append(f"  intensity 0..{sensor.full_scale:g} became 0..1")
-            if not np.allclose(sensor.cloud_from_sensor, np.eye(4)):
-                x, y, z = sensor.cloud_from_sensor[:3, 3]
+            lines.append(f"  intensity 0..{layout.full_scale:g} became 0..1")
+            if not np.allclose(layout.cloud_from_sensor, np.eye(4)):
+                x, y, z = layout.cloud_from_sensor[:3, 3]
                 lines.append(f"  the sensor stands at x {x:.2f}, y {y:.2f}, z {z:.2f} m in the log's frame")
         return "\n".join(lines)
 
@@ -88,7 +88,7 @@ def write_log(
         read=lambda text: {key: value for key, value in parse_json(text).items() if key != "sensor"},
     )
     items = _chosen(source.items(path, options), every, most)
-    grid, sensor, items = _begin(record, made, items, options=options, by=kind)
+    grid, layout, items = _begin(record, made, items, options=options, by=kind)
     written = already = partial = 0
     filled = 0.0
     names: set[str] = set()
@@ -115,7 +115,7 @@ def write_log(
                 tell_anew({item.name: why}, by="frames")
             with naming_log(kind, path):
                 scan = item.read()
-                sweep = _sweep(scan, sensor, grid, options=options, by=kind)
+                sweep = _sweep(scan, layout, grid, options=options, by=kind)
             is_partial = isinstance(scan, LogScan) and scan.is_partial
             if is_partial or np.asarray(sweep.image.valid).any(axis=0).mean() < LEAST_TURN:
                 partial += 1
@@ -138,7 +138,7 @@ def write_log(
         rows=len(grid.elevation_rad),
         columns=len(grid.azimuth_rad),
         filled=filled / max(written, 1),
-        sensor=sensor,
+        layout=layout,
     )
 
 
@@ -156,14 +156,14 @@ def _stamp(item: Item, log: Path, options: LogOptions) -> str:
 
 def _begin(
     record: Path, made: dict[str, Any], items: Iterator[Item], *, options: LogOptions, by: str
-) -> tuple[PolarGrid, Sensor | None, Iterator[Item]]:
-    """The grid and the sensor: those of a folder that is gone on with, else told from the first scans."""
+) -> tuple[PolarGrid, ScanLayout | None, Iterator[Item]]:
+    """The grid and the layout: those of a folder that is gone on with, else told from the first scans."""
     if record.is_file() and (record.parent / "grid.json").is_file():
         grid, _ = read_grid(record.parent)
-        sensor_before = read_json(record, by="frames").get("sensor")
+        layout_before = read_json(record, by="frames").get("sensor")
         return (
             grid,
-            None if sensor_before is None else Sensor.from_json(sensor_before, grid, where=f"frames: {record}"),
+            None if layout_before is None else ScanLayout.from_json(layout_before, grid, where=f"frames: {record}"),
             items,
         )
     with naming_log(by, Path(made["log"])):
@@ -171,18 +171,18 @@ def _begin(
         if not first:
             raise ValueError(f"{by}: {made['log']} holds no scan")
         scans = [scan for _, scan in first if isinstance(scan, LogScan)]
-        sensor = infer_sensor([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
-    grid = sensor.grid if sensor else next(scan.grid for _, scan in first if isinstance(scan, Sweep))
-    write_text(record, json.dumps(made | {"sensor": sensor.to_json() if sensor else None}, indent=1))
+        layout = infer_layout([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
+    grid = layout.grid if layout else next(scan.grid for _, scan in first if isinstance(scan, Sweep))
+    write_text(record, json.dumps(made | {"sensor": layout.to_json() if layout else None}, indent=1))
     again = (item._replace(read=lambda scan=scan: scan) for item, scan in first)
-    return grid, sensor, chain(again, items)
+    return grid, layout, chain(again, items)
 
 
-def _sweep(scan: LogScan | Sweep, sensor: Sensor | None, grid: PolarGrid, *, options: LogOptions, by: str) -> Sweep:
+def _sweep(scan: LogScan | Sweep, layout: ScanLayout | None, grid: PolarGrid, *, options: LogOptions, by: str) -> Sweep:
     if isinstance(scan, LogScan):
-        if sensor is None:
+        if layout is None:
             raise ValueError(f"{by}: {scan.name} is a cloud, and the scans before had a grid of their own")
-        return to_sweep(_of_rings(scan, options), sensor, options, by=by)
+        return to_sweep(_of_rings(scan, options), layout, options, by=by)
     ignored = [name for name in ("rings", "lines", "sensor", "mount") if getattr(options, name)]
     if ignored:
         raise ValueError(

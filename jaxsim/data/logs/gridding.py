@@ -33,7 +33,7 @@ _STRANGE = 0.01
 
 
 @dataclass(frozen=True)
-class Sensor:
+class ScanLayout:
     """What all scans of a log share."""
 
     beams: Beams
@@ -53,8 +53,8 @@ class Sensor:
         }
 
     @classmethod
-    def from_json(cls, content: Any, grid: PolarGrid, *, where: str) -> Sensor:
-        """The sensor of a folder that is gone on with, whose grid.json holds its grid. Raises ValueError, beginning
+    def from_json(cls, content: Any, grid: PolarGrid, *, where: str) -> ScanLayout:
+        """The layout of a folder that is gone on with, whose grid.json holds its grid. Raises ValueError, beginning
         with `where`, for what is none."""
         elevation, origin = np.asarray(grid.elevation_rad, np.float64), np.asarray(grid.origin_m, np.float64)
         with placed(f"{where}: what it says of the sensor cannot be read", TypeError, then=_ANEW):
@@ -79,7 +79,7 @@ _ANEW = "delete the folder, and the same command makes it anew"
 
 @dataclass(frozen=True)
 class _Kept:
-    """What log.json holds of a sensor."""
+    """What log.json holds of it."""
 
     ring: tuple[int, ...]
     full_scale: float
@@ -88,8 +88,8 @@ class _Kept:
     off_deg: float
 
 
-def infer_sensor(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> Sensor:
-    """The sensor of a log, from its first scans. Raises ValueError where the points do not tell it, saying what
+def infer_layout(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> ScanLayout:
+    """What the scans of a log share, from its first. Raises ValueError where the points do not tell it, saying what
     does."""
     scale = options.full_scale or _full_scale(scans)
     first, problem = scans[0], NoBeams("no ring")
@@ -98,7 +98,7 @@ def infer_sensor(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> S
     # An organised cloud does not say which of its axes counts beams: the one along which elevations agree.
     for axis in (None,) if first.ring is not None or first.shape is None else (0, 1):
         try:
-            return _sensor(scans, options, scale=scale, axis=axis)
+            return _layout(scans, options, scale=scale, axis=axis)
         except NoBeams as error:
             problem = error
     hint = (
@@ -108,7 +108,7 @@ def infer_sensor(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> S
     raise ValueError(f"{by}: the sensor's beams cannot be told from {first.name}: {problem}; {hint}") from problem
 
 
-def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis: int | None) -> Sensor:
+def _layout(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis: int | None) -> ScanLayout:
     pose = np.eye(4)
     parts = [returned(scan, axis) for scan in scans]
     first = scans[0]
@@ -139,7 +139,7 @@ def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
     grid = PolarGrid(
         azimuths.astype(np.float32), beams.elevation_rad.astype(np.float32), beams.origin_m.astype(np.float32)
     )
-    return Sensor(beams, grid, scale, pose, axis)
+    return ScanLayout(beams, grid, scale, pose, axis)
 
 
 def _all_rings(parts: Sequence[LogScan], options: LogOptions) -> Int[np.ndarray, " n"]:
@@ -179,19 +179,19 @@ def in_frame(xyz_m: Float[np.ndarray, "n 3"], cloud_from_sensor: Float[np.ndarra
     return moved.astype(np.float32)
 
 
-def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> Sweep:
+def to_sweep(scan: LogScan, layout: ScanLayout, options: LogOptions, *, by: str) -> Sweep:
     """A scan on the sensor's grid. Of several returns of a firing the one that is asked for is kept; of firings that
     share a cell, the nearest.
 
     Raises ValueError for ranges no LiDAR sees, intensity off the log's scale, and rings that the sensor does not have.
     """
-    scan = returned(scan, sensor.axis)
+    scan = returned(scan, layout.axis)
     where = f"{by}: {scan.name}"
     if not len(scan.xyz_m):
         raise ValueError(f"{where} holds no point; leave it out, or look at what recorded it")
-    xyz = in_frame(scan.xyz_m, sensor.cloud_from_sensor)
+    xyz = in_frame(scan.xyz_m, layout.cloud_from_sensor)
     if scan.ring is not None:
-        row = sensor.beams.rows_of(scan.ring)
+        row = layout.beams.rows_of(scan.ring)
         # A beam that saw nothing in the first scans may come later; many of them are another sensor.
         strange = float((row < 0).mean())
         if strange > _STRANGE:
@@ -200,7 +200,7 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
                 "sensor's scan; give --log.lines if these are beams that saw nothing before"
             )
     else:
-        row = nearest_beams(xyz, sensor.grid)[0]
+        row = nearest_beams(xyz, layout.grid)[0]
     inside = row >= 0
     span_s = 0.0 if scan.offset_s is None else float(scan.offset_s.max())
     if not span_s <= TURN_S:  # also where one is NaN
@@ -208,14 +208,14 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
             f"{where}: the times of its points span {span_s:g} s, and a turn takes at most {TURN_S:g}: whole numbers "
             "are nanoseconds, others seconds; write them so, or leave the field out"
         )
-    scale = np.float32(sensor.full_scale)
+    scale = np.float32(layout.full_scale)
     low, high = float(scan.intensity.min()), float(scan.intensity.max())
     if low < 0 or high > scale:
         raise ValueError(
             f"{where}: intensity spans {low:g}..{high:g}, off the log's scale 0..{scale:g}; give --log.full-scale"
         )
     intensity = scan.intensity / scale
-    origin = np.asarray(sensor.grid.origin_m)[np.clip(row, 0, None)]
+    origin = np.asarray(layout.grid.origin_m)[np.clip(row, 0, None)]
     # From the beam's own origin, as the grid has its rays.
     range_m = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2 + (xyz[:, 2] - origin) ** 2)
     if range_m.max() > FAR_M:
@@ -226,8 +226,8 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
     azimuth = np.arctan2(xyz[:, 1], xyz[:, 0])
     inside &= _one_return(azimuth, row, intensity=intensity, range_m=range_m, returns=options.returns)
     on_grid = np.flatnonzero(inside)
-    column = assign_columns(azimuth[on_grid], row[on_grid], sensor.grid)
-    return _on_grid(scan, sensor, on_grid, row=row[on_grid], column=column, range_m=range_m, intensity=intensity)
+    column = assign_columns(azimuth[on_grid], row[on_grid], layout.grid)
+    return _on_grid(scan, layout, on_grid, row=row[on_grid], column=column, range_m=range_m, intensity=intensity)
 
 
 def _one_return(
@@ -255,7 +255,7 @@ def _one_return(
 
 def _on_grid(
     scan: LogScan,
-    sensor: Sensor,
+    layout: ScanLayout,
     point: Int[np.ndarray, " m"],
     *,
     row: Int[np.ndarray, " m"],
@@ -263,7 +263,7 @@ def _on_grid(
     range_m: Float[np.ndarray, " n"],
     intensity: Float[np.ndarray, " n"],
 ) -> Sweep:
-    rows, columns = len(sensor.grid.elevation_rad), len(sensor.grid.azimuth_rad)
+    rows, columns = len(layout.grid.elevation_rad), len(layout.grid.azimuth_rad)
     within = (column >= 0) & (column < columns)
     point, cell = point[within], row[within].astype(np.int64) * columns + column[within]
     # The last write to a cell stays: the nearest.
@@ -283,7 +283,7 @@ def _on_grid(
         name=scan.name,
         scene=scan.scene,
         image=PolarImage(raster(range_m.astype(np.float32)), raster(intensity.astype(np.float32)), valid),
-        grid=sensor.grid,
+        grid=layout.grid,
         time_s=scan.time_s,
         rasters=rasters,
     )

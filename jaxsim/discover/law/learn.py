@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, fixed_basis, values_along, with_columns
+from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, values_along, with_columns
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit, in_place
 from jaxsim.discover.model.null import refit, refitted
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
-from jaxsim.discover.name.unexplained import agreed, written_at
+from jaxsim.discover.name.unexplained import agreed, written_down
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
 from jaxsim.effects import Law
@@ -43,13 +43,9 @@ class Form:
     @classmethod
     def of(cls, problem: Problem, dependence: Dependence, curve: Candidate) -> Form:
         """The form of a free curve that was fitted to the problem's rays."""
-        x = values_along(problem, dependence.covariate)
-        knots = written_at(x, dependence.covariate)
-        # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
-        basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
+        _, knots, basis, heights = written_down(problem, dependence, curve)
         # Columns that only fill up have no height to fit.
         used = basis.any(0)
-        heights = [np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits]
         numbers = tuple(knots.tolist())
         nothing = (0.0,) * len(knots)
         bare = Learned(

@@ -318,10 +318,10 @@ def formula_text(shape: Shape, parameters: dict[str, Interval]) -> str:
     return text.replace("pi", "π").replace(">=", "≥").replace("log", "ln").replace("+ -", "- ")
 
 
-def closed_law(fitted: LearnedFit) -> ClosedLaw | None:
+def closed_law(fit: LearnedFit) -> ClosedLaw | None:
     """The formula of a learned law; None where none is near, or a covariate has no order; and of what is added to
     intensities, which is told a readout at a time."""
-    learned = fitted.learned
+    learned = fit.learned
     if learned.adds or not all(name in VARIABLES and name not in ALTERNATING for name in learned.covariates):
         return None
     # In the order of the law's values: the last covariate runs fastest.
@@ -333,10 +333,10 @@ def closed_law(fitted: LearnedFit) -> ClosedLaw | None:
     law = search(
         variables,
         np.asarray(learned.values),
-        fitted.without,
+        fit.without,
         channel=learned.channel,
         unit=CHANGE_UNITS[learned.channel],
-        free=fitted.free,
+        free=fit.free,
     )
     if law is None:
         return None

@@ -23,20 +23,10 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects.learned import hats
 from jaxsim.effects.rays import FLOOR, Scan
 
-LEVEL_RAD = 0.15
-"""Planes tilted by less than this are level ground."""
-LEAST_DOWN_RAD = np.deg2rad(1.0)
-"""Rays that look down by less tell no ground from walls."""
 KNOT_QUANTILES = (0.05, 0.35, 0.65, 0.95)
 """Quantiles of ln albedo: knots of the free curve."""
-LEAST_APART = 0.1
-"""Nats between knots, at least; where all albedos are alike one knot is left."""
 BARE = ("ground", "other surfaces")
 """Names of the kinds where all surfaces are of one class."""
-COARSEST_STEP, FILLED = 0.02, 0.5
-"""Values are steps of a rounding that are no farther apart, and of whose lattice so large a share is read."""
-OF_ONE_ANGLE = 0.1
-"""Share of the variance of angles that is left within values, below which values follow the angle."""
 
 
 class Kinds(NamedTuple):
@@ -109,11 +99,12 @@ def few_levels(
         return None
     common = values[often]
     gaps = np.diff(common)
-    rounded = len(gaps) > 0 and gaps.min() <= COARSEST_STEP and len(common) * gaps.min() > FILLED * np.ptp(common)
+    fine = len(gaps) > 0 and gaps.min() <= RULES.coarsest_step
+    rounded = fine and len(common) * gaps.min() > RULES.filled_lattice * np.ptp(common)
     # Of one material that shines as Lambert's law has it, each row of a road reads one value.
     mean = np.bincount(level, incidence_rad) / count
     within = np.square(incidence_rad - mean[level]).mean()
-    return None if rounded or within < OF_ONE_ANGLE * np.var(incidence_rad) else common
+    return None if rounded or within < RULES.one_angle_share * np.var(incidence_rad) else common
 
 
 def _log_albedo(scan: Scan) -> Float[np.ndarray, "f r n"]:
@@ -124,13 +115,13 @@ def _log_albedo(scan: Scan) -> Float[np.ndarray, "f r n"]:
 def _ground(scan: Scan) -> Bool[np.ndarray, "f r n"]:
     """Rays that meet their plane as they would meet level ground."""
     down = -np.asarray(scan.grid.elevation_rad, np.float64)[None, :, None]
-    level = np.abs(np.asarray(scan.incidence_rad) - (np.pi / 2 - down)) < LEVEL_RAD
-    return level & (down > LEAST_DOWN_RAD)
+    level = np.abs(np.asarray(scan.incidence_rad) - (np.pi / 2 - down)) < RULES.level_ground_rad
+    return level & (down > RULES.least_down_rad)
 
 
 def _knots(albedo: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
     knots: list[float] = []
     for knot in np.quantile(albedo, KNOT_QUANTILES):
-        if not knots or knot - knots[-1] > LEAST_APART:
+        if not knots or knot - knots[-1] > RULES.albedo_apart:
             knots.append(float(knot))
     return np.array(knots)

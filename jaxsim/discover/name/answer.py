@@ -187,11 +187,11 @@ def decide(
 def pieced(choice: Choice, curve: Curve, leaves_nothing: LeavesNothing) -> bool:
     """Whether several effects of a channel piece together what a free curve says alone: with its law in place none of
     them is accepted any more."""
-    dependence, fitted = curve
+    dependence, fit = curve
     of_channel = [step.chosen.effect for step in choice.steps if dependence.channel in step.chosen.effect.channels]
     pieces = [effect for effect in of_channel if effect.name not in FINEST]
     # To fit the law costs seconds: not where the curve says little of what they do.
-    much = fitted.total >= RULES.weak_share * sum(step.chosen.total for step in choice.steps)
+    much = fit.total >= RULES.weak_share * sum(step.chosen.total for step in choice.steps)
     return len(pieces) >= RULES.curve_pieces and much and leaves_nothing(curve, pieces, choice.bars.effect)
 
 

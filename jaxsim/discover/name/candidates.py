@@ -26,9 +26,6 @@ from jaxsim.progress import Progress
 
 THREADS = 2
 """Effects fitted side by side."""
-HOPELESS = 0.25
-"""Share of a bar that a fit must gain on the very scenes that it was fitted to, two thirds of all, to be worth others:
-on scenes that no fit has seen the three of them gain less, but for chance."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +145,7 @@ def rank_effects(
                 over_smooth += np.bincount(scene, np.where(fitted > 0, 0, rough), scenes)
             gain += np.stack([np.bincount(scene, gained[:, k], scenes) for k in range(3)], axis=-1)
             fits.append(result)
-            if len(fits) == 1 and inside[0] < HOPELESS * bar and gain.sum(-1).clip(0).sum() < bar:
+            if len(fits) == 1 and inside[0] < RULES.hopeless_share * bar and gain.sum(-1).clip(0).sum() < bar:
                 break
         beams = None if over_smooth is None else over_smooth[seen]
         return Candidate(effect, gain[seen], tuple(fits), slope[seen], beams, float(np.mean(inside)))

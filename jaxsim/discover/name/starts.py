@@ -13,15 +13,13 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Num
 
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.places import longest_run, spans_turn, within_turn
 
-LOST_SAYS, RETURNED_SAYS = np.log(90.0), np.log(0.1)
-"""Nats by which a ray speaks for being hidden: of those that are, nine of ten are lost, of others one of a hundred."""
 PAST_M = (0.02, 0.05, 0.1)
 """How far past a border between lost and returned rays a gate may lie."""
 BIN_RAD = np.deg2rad(1.0)
@@ -30,8 +28,6 @@ TURN_BINS = 360
 """Bins of a turn."""
 SLICE_M = 0.02
 """Slices of the range in which a wave is looked for: a sixth of the shortest."""
-OF_A_WAVE_M = 0.4
-"""Errors beyond this are of another surface, and no wave's."""
 WAVES = 3
 """Waves of different lengths that fits begin at."""
 
@@ -55,6 +51,11 @@ def _ceiling(problem: Problem) -> tuple[Start, ...]:
     return ({"ceiling": top},) if piled and top < 1 else ()
 
 
+def _speak_for_hidden(lost: Num[np.ndarray, "*n"], of: Num[np.ndarray, "*n"] | int) -> Float[np.ndarray, "*n"]:
+    """Nats by which so many rays, and so many lost ones of them, speak for being hidden."""
+    return lost * RULES.lost_says_nats + (of - lost) * RULES.returned_says_nats
+
+
 def _gate(problem: Problem) -> tuple[Start, ...]:
     ev = problem.ev
     smooth = ev.rays.hit & ~ev.edge
@@ -65,7 +66,7 @@ def _gate(problem: Problem) -> tuple[Start, ...]:
         # From the end at which rays are lost, the border lies where the log-likelihood ratio of `gate here` to `no
         # gate` is largest: a cumulative sum.
         order = np.argsort(sign * r)
-        score = np.cumsum(np.where(lost[order], LOST_SAYS, RETURNED_SAYS))
+        score = np.cumsum(_speak_for_hidden(lost[order].astype(int), 1))
         score = score[: int(np.argmax(score < -RULES.gate_nats)) or None]  # returns have begun
         if len(score) and score.max() > RULES.gate_nats:
             border = float(r[order][int(score.argmax())])
@@ -115,7 +116,7 @@ class Cells:
     @property
     def nats(self) -> Float[np.ndarray, " n"]:
         """By how much each cell speaks for being hidden."""
-        return self.lost * LOST_SAYS + (self.hits - self.lost) * RETURNED_SAYS
+        return _speak_for_hidden(self.lost, self.hits)
 
 
 def _bins(azimuth: Float[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, " n"]:
@@ -133,8 +134,7 @@ def _hidden_below(cells: Cells, *, closed: bool) -> float | None:
     cell = azimuth_bin * shape[1] + at
     count = np.cumsum(np.bincount(cell, cells.hits, shape[0] * shape[1]).reshape(shape), axis=1)
     gone = np.cumsum(np.bincount(cell, cells.lost, shape[0] * shape[1]).reshape(shape), axis=1)
-    nats = gone * LOST_SAYS + (count - gone) * RETURNED_SAYS
-    told = np.where(gone > RULES.hidden_share * count, nats, 0).sum(0)
+    told = np.where(gone > RULES.hidden_share * count, _speak_for_hidden(gone, count), 0).sum(0)
     best = int(told.argmax())
     if best + 1 >= len(told) or told[best] <= RULES.gate_nats:
         return None
@@ -180,7 +180,7 @@ def _wave(problem: Problem) -> tuple[Start, ...]:
     told = ev.smooth & ev.rays.hit
     r = ev.rays.range_m[told]
     off = (ev.range_m - ev.rays.reading_m)[told]
-    near = np.abs(off) < OF_A_WAVE_M
+    near = np.abs(off) < RULES.wave_most_m
     # Both sides may have the very ranges, as beside Lambert's law on the measured ones.
     if near.sum() < RULES.fewest_residuals or np.ptp(off[near]) == 0:
         return ()

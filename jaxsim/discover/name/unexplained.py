@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -94,17 +95,14 @@ def _varies(problem: Problem, covariate: str) -> bool:
 
 def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
     """The curve over its covariate, its character, and a closed formula that comes near it."""
-    x = values_along(problem, dependence.covariate)
-    heights = np.stack([np.asarray(to_values(candidate.effect, fit.z)["height"]) for fit in candidate.fits])
-    grid = written_at(x, dependence.covariate)
-    basis = fixed_basis(np.concatenate([x, grid]), dependence.covariate)[len(x) :]
+    x, grid, basis, heights = written_down(problem, dependence, candidate)
     # The height at a knot is the mean over fits that left a fold out each; their scatter gives the band.
     curves = heights @ basis.T
     y, band = curves.mean(0), fold_half_width(curves)
     # A knot counts for the rays about it; the 1 keeps knots without any from being free.
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
     # A few rays far off do not make a bend of the others a wave.
-    span = float(np.subtract(*np.quantile(x, [1 - OUTER, OUTER])))
+    span = float(np.subtract(*np.quantile(x, [1 - RULES.outer_rays, RULES.outer_rays])))
     character, formula = shape_of(grid, y, weight, dependence=dependence, span=span)
     name = NAMED.get(dependence.covariate, dependence.covariate)
     formula += f" (x: {X_WORDS.get(dependence.covariate, dependence.covariate)})"
@@ -121,11 +119,27 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
     )
 
 
-def written_at(x: np.ndarray, covariate: str) -> np.ndarray:
-    """The values of a covariate at which its curve is written down."""
-    values = np.unique(x)
-    few = covariate in CATEGORICAL or len(values) <= RULES.few_values
-    return values if few else np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
+class Written(NamedTuple):
+    """A free curve of m numbers, fitted with each of f folds left out, at k knots, from n values of its covariate."""
+
+    x: Float[np.ndarray, " n"]
+    """The covariate of each ray."""
+    knots: Float[np.ndarray, " k"]
+    basis: Float[np.ndarray, "k m"]
+    """Heights at the knots are its product with the numbers."""
+    numbers: Float[np.ndarray, "f m"]
+
+
+def written_down(problem: Problem, dependence: Dependence, curve: Candidate) -> Written:
+    """A free curve that was fitted to a problem's rays, at its knots."""
+    x = values_along(problem, dependence.covariate)
+    knots = np.unique(x)
+    if dependence.covariate not in CATEGORICAL and len(knots) > RULES.few_values:
+        knots = np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
+    # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
+    basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
+    numbers = np.stack([np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits])
+    return Written(x, knots, basis, numbers)
 
 
 LETTER = {"intensity": "Δ ln I", OFFSET: "Δ I", "range": "Δ r", "drop": "p(drop)"}
@@ -134,10 +148,6 @@ CYCLES = np.arange(2.0, 8.01, 0.25)
 """Cycles of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
 CYCLES_OF_TURN = np.arange(1.0, 8.5)
 """The same of a curve that closes, in a turn: what runs round the sensor once is a wave, too."""
-OUTER = 0.005
-"""Share of the rays at each end that do not count where waves are."""
-WHOLE = 0.9
-"""Share of a turn from which on a curve over angles closes."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +180,7 @@ def shape_of(
         # Every number that shaped the formula makes what it leaves count for more.
         return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
 
-    closed = dependence.covariate in TURNING and float(x[-1] - x[0]) > WHOLE * TURN
+    closed = dependence.covariate in TURNING and float(x[-1] - x[0]) > RULES.whole_turn * TURN
     turns = CYCLES_OF_TURN if closed else CYCLES * TURN / (span or float(x[-1] - x[0]) or 1.0)
     shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight, turns=turns)]
     best = min(shapes, key=unexplained)

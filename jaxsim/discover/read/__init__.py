@@ -28,9 +28,10 @@ from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 
 MOST_CELLS = 72 * 64 * 1024
-"""Of the frames that are read: a fit sees RAYS of them however many there are, and these take about 3 GiB."""
+"""Most cells that all frames that are read may have: a fit sees RAYS of them however many there are, and these take
+about 3 GiB."""
 FEWEST_FRAMES = 16
-"""That are read however large they are."""
+"""So many frames are read however large they are."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
 
 
 def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str]) -> Comparison:
-    """The frames that two folders share but for those that are `left_out`, and why, by name."""
+    """Reads the frames that two folders share, but for those that are `left_out`, which says why, by name."""
     predicted = open_polar_frames(simulated)
     recorded = open_polar_frames(measured)
     grid = predicted.grid
@@ -156,7 +157,7 @@ def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str])
 
 
 def read_part(rest: Rest, names: Sequence[str], like: Comparison) -> Comparison:
-    """Some of the frames that were not read, as those of `like` were: with its registration and speeds.
+    """Reads some of the frames that were not read at first, as those of `like` were: with its registration and speeds.
 
     Raises ValueError for frames that are empty or in wrong units.
     """
@@ -175,7 +176,8 @@ def read_part(rest: Rest, names: Sequence[str], like: Comparison) -> Comparison:
 def _read(
     names: Sequence[str], simulated: PolarFrames, measured: PolarFrames
 ) -> tuple[list[PolarImage], list[PolarImage], list[Mapping[str, np.ndarray]]]:
-    """Both sides of frames, and the simulated ones' further rasters. Raises ValueError for what cannot be a frame."""
+    """Reads both sides of frames, and the simulated ones' further rasters. Raises ValueError for what cannot be a
+    frame."""
     images: list[PolarImage] = []
     sensed: list[PolarImage] = []
     extra: list[Mapping[str, np.ndarray]] = []
@@ -195,12 +197,12 @@ def _read(
 
 
 def _about(names: Sequence[str], simulated: PolarFrames, measured: PolarFrames) -> list[dict[str, Any]]:
-    """What grid.json says of frames. The simulator's own facts win: its frames were made with them."""
+    """Gives what grid.json says of frames. The simulator's own facts win: its frames were made with them."""
     return [{**measured.about.get(name, {}), **simulated.about.get(name, {})} for name in names]
 
 
 def _counted_from(first_s: float, scan: Scan, about: Sequence[Mapping[str, Any]]) -> Scan:
-    """The scan with times since a moment, where `scan_of` counts from the first of its frames."""
+    """Gives the scan with times since a moment, where `scan_of` counts from the first of its frames."""
     since_s = [float(fact.get("time", 0.0)) - first_s for fact in about]
     return replace(scan, time_s=np.array(since_s, np.float32))
 
@@ -210,8 +212,8 @@ def _measured(images: Sequence[PolarImage]) -> Measured:
 
 
 def thin_frames(names: Sequence[str], scenes: Sequence[str], *, grid: PolarGrid) -> list[str]:
-    """As many frames as MOST_CELLS allow, in order: as many of each scene, spread evenly over it; where there are more
-    scenes than that, one frame of scenes that are spread evenly."""
+    """Chooses as many frames as MOST_CELLS allow, in order: as many of each scene, spread evenly over it; where there
+    are more scenes than that, one frame of scenes that are spread evenly."""
     most = max(FEWEST_FRAMES, MOST_CELLS // (len(grid.elevation_rad) * len(grid.azimuth_rad)))
     if len(names) <= most:
         return list(names)
@@ -228,6 +230,6 @@ def thin_frames(names: Sequence[str], scenes: Sequence[str], *, grid: PolarGrid)
 
 
 def _evenly(count: int, most: int) -> list[int]:
-    """At most so many of the numbers 0 to count - 1, from the middle of as many equal parts."""
+    """Gives at most so many of the numbers 0 to count - 1, from the middle of as many equal parts."""
     parts = min(count, most)
     return [(2 * k + 1) * count // (2 * parts) for k in range(parts)]

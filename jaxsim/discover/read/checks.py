@@ -121,13 +121,13 @@ def all_or_none(folder: Path, names: Sequence[str], extra: Sequence[Mapping[str,
 
 
 def unpartnered(simulated: Sequence[str], measured: Sequence[str]) -> list[str]:
-    """A note on frames that only one folder has."""
+    """Gives a note on frames that only one folder has."""
     alone = len({*simulated} ^ {*measured})
     return [f"{alone} frames have no partner of the same name in the other folder and are left out"] if alone else []
 
 
 def constant_intensity(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
-    """A note where the simulated intensity is the same everywhere. Raises ValueError where the measured one is."""
+    """Gives a note where the simulated intensity is alike everywhere. Raises ValueError where the measured one is."""
     least, most = _levels(measured)
     if least == most:
         raise ValueError(
@@ -144,13 +144,13 @@ def constant_intensity(simulated: Sequence[PolarImage], measured: Sequence[Polar
 
 
 def _levels(side: Sequence[PolarImage]) -> tuple[float, float]:
-    """Least and largest intensity of all returns."""
+    """Gives the least and the largest intensity of all returns."""
     values = [np.asarray(image.intensity)[np.asarray(image.valid)] for image in side]
     return min(float(v.min()) for v in values), max(float(v.max()) for v in values)
 
 
 def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A note on frames of which grid.json names no scene: each counts as one, though they may be one drive's."""
+    """Gives a note on frames of which grid.json names no scene: each counts as one, though they may be one drive's."""
     without = [fact for fact in facts if "scene" not in fact]
     if not without:
         return []
@@ -173,7 +173,7 @@ class RangeAgreement(NamedTuple):
 
     near: Float[np.ndarray, "*n"]
     beyond: Float[np.ndarray, "*n"]
-    """Measured clearly behind the simulated surface."""
+    """Share of the rays that were measured clearly behind the simulated surface."""
 
 
 def agreement(
@@ -181,7 +181,7 @@ def agreement(
     measured_m: Float[np.ndarray, "*n rays"],
     both: Bool[np.ndarray, "*n rays"],
 ) -> RangeAgreement:
-    """How far two sides' ranges agree where `both` return; 0 where no ray does."""
+    """Tells how far two sides' ranges agree where `both` return; 0 where no ray does."""
     off = measured_m - simulated_m
     limit = np.maximum(RULES.near_m, RULES.near_share * simulated_m)
     count = np.maximum(both.sum(-1), 1)
@@ -252,14 +252,14 @@ def check_pairs(
 
 
 def _as_registered(registered: Registration | None) -> str:
-    """What the best motion of the sensor changes."""
+    """Says what the best motion of the sensor changes."""
     if registered is None:
         return ""
     return f", and on {100 * float(np.median(registered.near)):.0f} % with the simulated sensor {registered}"
 
 
 def _thinned(side: Sequence[PolarImage], stride: int) -> tuple[Float[np.ndarray, "f rays"], Bool[np.ndarray, "f rays"]]:
-    """Ranges of every so manieth ray of each frame, and whether it returned."""
+    """Gives the ranges of every so manieth ray of each frame, and whether it returned."""
     range_m = np.stack([np.asarray(image.range_m, np.float32).ravel()[::stride] for image in side])
     valid = np.stack([np.asarray(image.valid).ravel()[::stride] for image in side])
     return range_m, valid
@@ -274,8 +274,8 @@ def _others_partners(
     back: Bool[np.ndarray, "f rays"],
     agreed: Float[np.ndarray, " f"],
 ) -> dict[str, str]:
-    """Measured frames that fit another simulated frame clearly better than their own, in words. Raises ValueError where
-    most do."""
+    """Tells in words of measured frames that fit another simulated frame clearly better than their own. Raises
+    ValueError where most do."""
     # Against a choice of the others: each against all would grow with the square of the frames.
     others = np.unique(np.linspace(0, len(names) - 1, OTHERS).round().astype(int))
     # A partner that fits clearly better: names that are shifted by one frame pass all other tests.

@@ -18,7 +18,7 @@ from jaxsim.files import placed, read_entry, read_json, write_text
 from jaxsim.geometry.sensor import grid_difference
 
 SIDES = "sides.json"
-"""Beside an answer: where the two folders are that it compared."""
+"""The file beside an answer that says where the two folders are that it compared."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Control:
 
     @property
     def of_rays(self) -> SensorModel:
-        """All of it that acts on rays as they were cast: all but the mounting."""
+        """What of it acts on rays as they were cast: all but the mounting."""
         return self.model.without(self.mounting)
 
     def check_new(self, simulated: Path, measured: Path) -> None:
@@ -62,7 +62,7 @@ class Control:
 
     @classmethod
     def load(cls, folder: Path | str, rows: int | None = None) -> Control:
-        """The control of the folder that `jaxsim discover --out` wrote, for a sensor of so many beams, if these
+        """Reads the control of the folder that `jaxsim discover --out` wrote, for a sensor of so many beams, if these
         are known.
 
         Raises ValueError where it holds no paired answer, one beside a control, or one of a sensor of another number of
@@ -95,7 +95,7 @@ class Control:
 
 
 def write_sides(folder: Path, simulated: Path, measured: Path) -> None:
-    """Notes beside an answer which folders it compared, those within its own folder as seen from there."""
+    """Writes beside an answer which folders it compared, those within its own folder as seen from there."""
     own = folder.resolve()
     paths = {"simulated": simulated.resolve(), "measured": measured.resolve()}
     within = {name: path.relative_to(own) if path.is_relative_to(own) else path for name, path in paths.items()}
@@ -103,7 +103,7 @@ def write_sides(folder: Path, simulated: Path, measured: Path) -> None:
 
 
 def read_sides(folder: Path) -> tuple[Path, Path] | None:
-    """The simulated and the measured folder that an answer compared; None where they are not known or not there.
+    """Reads which simulated and measured folder an answer compared; gives None where they are not known or not there.
 
     Raises ValueError for a file that does not say it.
     """
@@ -116,4 +116,4 @@ def read_sides(folder: Path) -> tuple[Path, Path] | None:
 
 
 NO_CONTROL = Control()
-"""Where none is given: the simulator is taken at its word."""
+"""The control where none is given: the simulator is taken at its word."""

@@ -49,7 +49,7 @@ class Free(NamedTuple):
     sd: tuple[float, ...]
 
     def with_sd(self, number: int, sd: float) -> Free:
-        """The same with another standard deviation of one number."""
+        """Gives the same standard deviations, but for that of one number."""
         return Free((*self.sd[:number], sd, *self.sd[number + 1 :]))
 
     @property
@@ -92,7 +92,7 @@ TWICE_AT_M = 15.0
 def register(
     scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.ndarray, "f r c"], *, scenes: Sequence[str]
 ) -> Registration:
-    """The motion of the sensor between simulated frames (host memory) and the measured ranges (m, where `valid`);
+    """Finds the motion of the sensor between simulated frames (host memory) and the measured ranges (m, where `valid`);
     `scenes` names each frame's, between which it scatters. What the streets do not tell (a yaw within a round wall) is
     0."""
     sides = sides_of(scan, np.asarray(range_m), np.asarray(valid))
@@ -146,7 +146,7 @@ def register(
 
 
 def _from_the_best(sides: RegisteredSides, motion: Motion, ways: Float[np.ndarray, " k"], *, number: int) -> Motion:
-    """Each frame's motion with that of the `ways` added to one of its numbers which agrees best."""
+    """Gives each frame's motion with that of the `ways` added to one of its numbers which agrees best."""
     tried = np.repeat(motion[None], len(ways), axis=0)
     tried[..., number] += ways[:, None]
     losses = np.stack([loss(sides, one) for one in tried])
@@ -154,7 +154,7 @@ def _from_the_best(sides: RegisteredSides, motion: Motion, ways: Float[np.ndarra
 
 
 def loss(sides: RegisteredSides, motion: Motion, width: float = COARSE[0]) -> Float[np.ndarray, " f"]:
-    """How badly each frame's points lie on the planes that they meet, 0..1 (Geman & McClure's)."""
+    """Tells how badly each frame's points lie on the planes that they meet, 0..1 (Geman & McClure's loss)."""
     points = turned(sides, motion)[0] + sensor_positions(sides, motion)
     met = meet(sides, points)
     square = (_off(met, points) / _width(sides, width)) ** 2
@@ -170,7 +170,8 @@ def climb(
     pooled: bool,
     centre: Float[np.ndarray, " 8"] | None = None,
 ) -> Motion:
-    """The motions in the valley where they begin, of all frames together (`pooled`) or of each, held to `centre`."""
+    """Finds the motions at the bottom of the valley where they begin, of all frames together (`pooled`) or of each,
+    held to `centre`."""
     middle = np.zeros(NUMBERS) if centre is None else centre
     # Wide first: a motion of two degrees takes far points off their planes by more than noise ever does.
     for width in [*widths, *[widths[-1]] * FINAL_STEPS]:
@@ -192,8 +193,8 @@ def climb(
 def sandwich(
     sides: RegisteredSides, motion: Float[np.ndarray, " 8"], scene: Int[np.ndarray, " f"], *, free: Free
 ) -> Float[np.ndarray, " 8"]:
-    """Half widths of the common motion's interval (White 1982): the filling is the scatter of the scenes' slopes, or
-    the curvature's where that is wider. 0 for what is held."""
+    """Gives half widths of the common motion's interval (White 1982): the filling is the scatter of the scenes' slopes,
+    or the curvature's where that is wider. 0 for what is held."""
     matrix, right = _equations(sides, motion[None], COARSE[-1], free=free)
     count = int(scene.max()) + 1
     slopes = np.zeros((count, right.shape[1]))
@@ -209,7 +210,7 @@ def sandwich(
 
 
 def frame_sd(sides: RegisteredSides, motion: Motion, *, free: Free) -> Motion:
-    """Standard deviations of each frame's numbers by what its points leave over (White 1982); 0 for what is held."""
+    """Gives the standard deviations of frames' numbers by what points leave over (White 1982); 0 for what is held."""
     slope, weight, off = _linear(sides, motion, COARSE[-1], free=free)
     matrix = np.swapaxes(slope * weight[..., None], 1, 2) @ slope + free.precision
     left_over = slope * (weight * off)[..., None]
@@ -223,7 +224,8 @@ def frame_sd(sides: RegisteredSides, motion: Motion, *, free: Free) -> Motion:
 def _equations(
     sides: RegisteredSides, motion: Motion, width: float, *, free: Free
 ) -> tuple[Float[np.ndarray, "f k k"], Float[np.ndarray, "f k"]]:
-    """Gauss and Newton's, of each frame at its motion: matrix and right side of the step in what is free."""
+    """Gives Gauss and Newton's equations of each frame at its motion: matrix and right side of the step in what is
+    free."""
     slope, weight, off = _linear(sides, motion, width, free=free)
     weighted = slope * weight[..., None]
     return np.swapaxes(weighted, 1, 2) @ slope, np.einsum("fni,fn->fi", weighted, off)
@@ -232,7 +234,7 @@ def _equations(
 def _linear(
     sides: RegisteredSides, motion: Motion, width: float, *, free: Free
 ) -> tuple[Float[np.ndarray, "f n k"], Float[np.ndarray, "f n"], Float[np.ndarray, "f n"]]:
-    """How each point's distance from its plane changes with what is free, its Tukey weight, and the distance, m."""
+    """Gives how points' distances from their planes change with what is free, Tukey's weights, and the distances, m."""
     ray, lifted = turned(sides, motion)
     points = ray + sensor_positions(sides, motion)
     met = meet(sides, points)
@@ -246,7 +248,7 @@ def _linear(
 
 
 def _off(met: Met, points: MeasuredPoints) -> Float[np.ndarray, "f n"]:
-    """How far planes lie beyond points, m."""
+    """Tells how far planes lie beyond points, m."""
     return met.away_m - np.sum(met.normal * points, -1)
 
 

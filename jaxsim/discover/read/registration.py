@@ -44,7 +44,7 @@ EffectValues = Mapping[str, Mapping[str, Float[np.ndarray, "*k"] | np.floating]]
 
 
 def as_effects(motion: Motion) -> EffectValues:
-    """Motions as parameters of the effects of MOTION_PARTS, whose one of beams has a number for all of them."""
+    """Gives motions as parameters of the effects of MOTION_PARTS, whose one of beams has a number for all of them."""
     yaw, pitch, roll = np.moveaxis(Rotation.from_rotvec(motion[..., 3:6]).as_euler("ZYX"), -1, 0)
     x, y, z = np.moveaxis(motion[..., :3], -1, 0)
     return {
@@ -74,10 +74,10 @@ class RegisteredSides:
     late: Float[np.ndarray, "f n"]
     """Place within the scan, from its middle, -1/2..1/2."""
     counts: Bool[np.ndarray, "f n"]
-    """Frames with fewer returns have fewer points."""
+    """Whether there is such a point: frames with fewer returns have fewer."""
 
     def thinned(self, every: int) -> RegisteredSides:
-        """The same sides with some of the points alone."""
+        """Gives the same sides with some of the points alone."""
         of_points = ("row", "range_m", "direction", "upward", "late", "counts")
         return replace(self, **{name: getattr(self, name)[:, ::every] for name in of_points})
 
@@ -90,11 +90,11 @@ class Met:
     away_m: Float[np.ndarray, "f n"]
     """Distance of the plane from the origin."""
     inside: Bool[np.ndarray, "f n"]
-    """Whether there is one."""
+    """Whether the point meets a plane at all."""
 
 
 def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.ndarray, "f r c"]) -> RegisteredSides:
-    """A simulated scan, and points of the measured ranges, drawn evenly."""
+    """Sets a simulated scan beside points of the measured ranges, which are drawn evenly."""
     grid = scan.grid
     count = int(np.clip(POINTS // len(range_m), FEWEST_POINTS, MOST_POINTS))
     azimuth = np.asarray(grid.azimuth_rad, float)
@@ -134,7 +134,7 @@ def sensor_positions(sides: RegisteredSides, motion: Motion) -> MeasuredPoints:
 
 
 def turned(sides: RegisteredSides, motion: Motion) -> tuple[MeasuredPoints, MeasuredPoints]:
-    """The points from the origin of their beam as the simulator has its axes, and their change with beams' lift."""
+    """Gives the points from their beam's origin along the simulator's axes, and how they change with beams' lift."""
     lift = motion[:, LIFT, None, None]
     ahead = np.cos(lift) * sides.direction + np.sin(lift) * sides.upward
     upward = np.cos(lift) * sides.upward - np.sin(lift) * sides.direction
@@ -145,7 +145,7 @@ def turned(sides: RegisteredSides, motion: Motion) -> tuple[MeasuredPoints, Meas
 
 
 def meet(sides: RegisteredSides, points: MeasuredPoints) -> Met:
-    """The planes of the cells in whose direction points lie, from their beams' own origins."""
+    """Finds the planes of the cells in whose direction points lie, from their beams' own origins."""
     x, y, z = np.moveaxis(points, -1, 0)
     rows = len(sides.elevation_rad)
     columns = len(sides.azimuth_rad)
@@ -176,7 +176,7 @@ def meet(sides: RegisteredSides, points: MeasuredPoints) -> Met:
 
 
 def predicted(sides: RegisteredSides, motion: Motion) -> Float[np.ndarray, "f n"]:
-    """The simulated range of every point's ray at the frames' motions, m; NaN where it meets nothing."""
+    """Gives the simulated range of every point's ray at the frames' motions, m; NaN where it meets nothing."""
     ray, _ = turned(sides, motion)
     origin = sensor_positions(sides, motion)
     met = meet(sides, ray + origin)
@@ -200,7 +200,7 @@ class Registration:
     predicted_m: Float[np.ndarray, "f n"]
     """Simulated range of the points that were looked at, at each frame's motion; NaN where nothing is predicted."""
     given_m: Float[np.ndarray, "f n"]
-    """The same where the simulator has the sensor."""
+    """The same with the sensor where the simulator has it."""
     measured_m: Float[np.ndarray, "f n"]
     travel_sd_m: Float[np.ndarray, " f"]
     """Standard deviation of each frame's way during the scan."""
@@ -212,7 +212,7 @@ class Registration:
 
     @property
     def near_as_given(self) -> Float[np.ndarray, " f"]:
-        """The same where the simulator has the sensor."""
+        """The same with the sensor where the simulator has it."""
         return _near(self.given_m, self.measured_m)
 
     @property
@@ -266,7 +266,7 @@ class Registration:
 
 
 def other_moments(registered: Registration, speed_mps: Float[np.ndarray, " f"]) -> str:
-    """A note on frames that are of other moments than their partners."""
+    """Gives a note on frames that are of other moments than their partners."""
     late_s = registered.apart_s(speed_mps)
     by_speed = "" if late_s is None else f", {abs(late_s):.2f} s {'later' if late_s > 0 else 'earlier'} by their speeds"
     along = registered.frames[:, 0]
@@ -280,7 +280,7 @@ def other_moments(registered: Registration, speed_mps: Float[np.ndarray, " f"]) 
 
 
 def speeds_read(speeds: Mapping[str, float]) -> str:
-    """A note on drives whose speeds are not given and show in their frames."""
+    """Gives a note on drives whose speeds are not given and show in their frames."""
     lowest = min(speeds.values())
     highest = max(speeds.values())
     return (

@@ -28,8 +28,6 @@ MapSums = Float[np.ndarray, "n r c"]
 PatternMap = Float[np.ndarray, "r c"]
 MADE_HEIGHT = 0.1
 """Height of a made pattern, nats and m: far from where levels and poses are clipped."""
-COIN = 0.01
-"""Variance that every return has at least, so that no ray that surely returns decides."""
 ROWS_OF_CELL = 4
 """Rows of a cell."""
 ASLANT = (8, 16)
@@ -94,7 +92,7 @@ def maps_of(
     weight_i = np.asarray(eq.intensity, np.float64)
     weight_r = np.asarray(eq.range_, np.float64)
     # A lost ray is a coin: residual lost - p, variance p (1 - p).
-    weight_d = np.where(hit, 1 / (p * (1 - p) + COIN), 0)
+    weight_d = np.where(hit, 1 / (p * (1 - p) + RULES.repeats_least_variance), 0)
     off_i, off_r = conditional_residuals(ev, eq, blocks)
 
     def left_of(channel: int, weight: np.ndarray, variance: np.ndarray) -> Callable[[PatternMap], MapSums]:

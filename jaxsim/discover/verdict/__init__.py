@@ -71,11 +71,11 @@ class EveryFrame:
     gained: dict[str, Interval]
     """Log-likelihood by channel, nats a frame, mean over scenes."""
     gained_unseen: dict[str, Interval]
-    """The same of the unseen scenes alone."""
+    """The same log-likelihood of the unseen scenes alone."""
     before: dict[str, Interval]
     """Mean errors by channel, in the units of the gap, without the answer."""
     after: dict[str, Interval]
-    """The same with it."""
+    """The same errors with the answer in place."""
     worst: tuple[OddFrame, ...]
     """The frames that gain least, the least first."""
 
@@ -85,7 +85,7 @@ class Verdict:
     """What `discover` answers."""
 
     verdict: str
-    """named, none or not_in_catalogue."""
+    """Which answer it is: named, none or not_in_catalogue."""
     effects: tuple[Named, ...]
     where: tuple[Where, ...]
     unexplained: Unexplained | None
@@ -102,7 +102,7 @@ class Verdict:
     (`EFFECT.PARAMETER`) as fitted when it was added, and with the others in place."""
     ranking: tuple[Rank, ...] = ()
     nulls: Nulls | None = None
-    """Where the bar was set on nulls of these very data."""
+    """What nulls of these very data gained; None where the bar was not set on them."""
     levels: tuple[Level, ...] = ()
     """Noise, losses and lattices of both sides; empty where frames are not compared one by one (unpaired)."""
     contrast: Contrast | None = None
@@ -122,7 +122,7 @@ class Verdict:
     unconfirmed: tuple[Named, ...] = ()
     """Effects that were found and by which the judge scenes do not gain: they are not named."""
     registered: Registered | None = None
-    """None where frames are not compared one by one (unpaired)."""
+    """Where the sensor stood; None where frames are not compared one by one (unpaired)."""
     every_frame: EveryFrame | None = None
     """The answer on the frames that were not read; None where all were, and unpaired."""
     unrelated: bool = False
@@ -147,12 +147,13 @@ class Verdict:
         return tuple(one for one in self.sensitivity if not one.testable and one.name not in named)
 
     def judged_nats(self, *channels: str) -> float:
-        """What judge scenes gain in these channels, in their mean, with all in place that was found: nats a scene."""
+        """Tells what judge scenes gain in these channels, in their mean, with all in place that was found: nats a
+        scene."""
         told = [self.gap[channel].gained for channel in channels if channel in self.gap]
         return sum(one.value for one in told if one is not None)
 
     def to_json(self) -> dict[str, Any]:
-        """The content of verdict.json (docs/verdict.md)."""
+        """Gives the content of verdict.json (docs/verdict.md)."""
         content = plain(self)
         # A channel that was not compared (unpaired: all but the intensity) is null.
         gap: dict[str, Any] = {name: content["gap"].get(name) for name in ("intensity", "range", "drop")}
@@ -172,7 +173,7 @@ class Verdict:
 
 
 def plain(value: Any) -> Any:
-    """A part of a verdict as JSON has it: six digits, and null for what is not finite."""
+    """Gives a part of a verdict as JSON has it: six digits, and null for what is not finite."""
     if isinstance(value, Region):
         return value.to_json()
     if hasattr(value, "__dataclass_fields__"):
@@ -207,11 +208,11 @@ class CurveLine:
     spread: bool = False
     """Whether it is not the mean of the residuals but their spread over the expected one, less 1."""
     edges: Float[np.ndarray, " k+1"] | None = None
-    """Of the groups of rays that the points are means of: each holds what lies from one to below the next. None where
-    it is not kept (unpaired)."""
+    """Edges of the groups of rays that the points are means of: each group holds what lies from one to below the next.
+    None where it is not kept (unpaired)."""
 
     def group_of(self, values: Real[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
-        """The group of each value of the covariate; -1 for all where the edges are not kept."""
+        """Gives the group of each value of the covariate; -1 for all where the edges are not kept."""
         if self.edges is None:
             return np.full(np.shape(values), -1)
         return np.clip(np.searchsorted(self.edges, values, side="right") - 1, 0, len(self.x) - 1)
@@ -223,11 +224,11 @@ class JudgeFrame:
 
     name: str
     scene: str
-    """Empty where it holds several: sectors of a drive."""
+    """Its scene; empty where it holds several, sectors of a drive."""
     row: Int[np.ndarray, " n"]
     column: Int[np.ndarray, " n"]
     range_m: Float[np.ndarray, " n"]
-    """As measured; of rays that were lost, as simulated."""
+    """Measured range; of rays that were lost, the simulated one."""
     returned: Bool[np.ndarray, " n"]
     before: dict[str, Float[np.ndarray, " n"]]
     """Residuals of each channel in its own unit, NaN where it is not compared."""
@@ -235,7 +236,7 @@ class JudgeFrame:
     groups: tuple[Int[np.ndarray, " n"], ...] = ()
     """For each curve of the result, the group of each ray, -1 where it is in none."""
     time_s: float = 0.0
-    """Since the recording's first frame; 0 for all where frames say no time."""
+    """Time since the recording's first frame; 0 for all where frames say no time."""
 
 
 @dataclass(frozen=True)

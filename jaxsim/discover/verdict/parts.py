@@ -31,8 +31,8 @@ class Interval:
     def of_scenes(
         cls, values: Float[np.ndarray, " s"], unit: str, *, fewest: int = 1, least: float = -np.inf
     ) -> Interval:
-        """The mean of the scenes that have a value, by their scatter: NaN where fewer than `fewest` have one. It ends
-        at `least` where nothing can be below that."""
+        """Gives the mean of the scenes that have a value, its interval by their scatter: NaN where fewer than `fewest`
+        have one. It ends at `least` where nothing can be below that."""
         known = values[np.isfinite(values)]
         if len(known) < fewest:
             return cls(np.nan, np.nan, np.nan, unit)
@@ -41,16 +41,16 @@ class Interval:
 
     @classmethod
     def about(cls, value: float, half: float, unit: str) -> Interval:
-        """A value and as much to either side."""
+        """Gives a value with an interval of as much to either side."""
         return cls(float(value), float(value) - half, float(value) + half, unit)
 
     @classmethod
     def exact(cls, value: float, unit: str) -> Interval:
-        """A value that is known."""
+        """Gives a value that is known, both of whose ends it is."""
         return cls(value, value, value, unit)
 
     def within(self, of: Parameter) -> Interval:
-        """The same within a parameter's bounds, in its unit."""
+        """Gives the same interval within a parameter's bounds, in its unit."""
         value, low, high = np.clip([self.value, self.low, self.high], of.low, of.high).tolist()
         return Interval(value, low, high, of.unit)
 
@@ -117,12 +117,12 @@ class Sensitivity:
 
     name: str
     size: dict[str, float]
-    """That was asked, half of a clearly visible one: distance of each parameter from where it does nothing; of
+    """The size that was asked, half of a clearly visible one: distance of each parameter from where it does nothing; of
     vectors the root mean square."""
     nats: float
-    """That naming could expect to gain at this size, nuisances free, all find scenes together ..."""
+    """What naming could expect to gain at this size, nuisances free, all find scenes together ..."""
     needed: float
-    """... and what it must, with the numbers that a fit chooses paid for."""
+    """... and what it must gain, with the numbers that a fit chooses paid for."""
     taken: float
     """Share of what the effect does that nuisances take up."""
     times: float | None
@@ -130,7 +130,7 @@ class Sensitivity:
     testable: bool
     """Whether they would show it at this size."""
     why: str
-    """Why not; empty where they would."""
+    """Why they would not; empty where they would."""
     record: str
     """What to record to tell; empty where it can be told."""
 
@@ -147,13 +147,13 @@ class Fidelity:
     kind: str
     """A class, of numbered objects; `CLASS, patches` of what has no number."""
     targets: int
-    """In all frames."""
+    """Their number in all frames."""
     points: Interval
     """Mean absolute error of a target's number of points ..."""
     points_more: Interval
     """... and the mean signed one: above 0 the simulator has more."""
     intensity: Interval
-    """The same of its mean intensity."""
+    """The absolute error of its mean intensity."""
     intensity_more: Interval
 
 
@@ -171,7 +171,7 @@ class Named:
     gain: Interval
     """Held-out nats a scene over the model without it."""
     parameters: dict[str, Interval | tuple[Interval, ...]]
-    """Vectors as one interval a beam or class."""
+    """Its parameters by name; vectors have one interval a beam or class."""
     does: dict[str, Interval] = field(default_factory=dict)
     """What it changes by channel: the mean of the rays, and between which ends nine of ten lie."""
 
@@ -200,7 +200,7 @@ class Rank:
     p_value: float
     bar: float
     why_not: str
-    """Empty for what was named."""
+    """Why it was not named; empty for what was."""
 
 
 @dataclass(frozen=True)
@@ -210,9 +210,9 @@ class Nulls:
     effects: tuple[str, ...]
     """The strongest that passed every test but the bar; empty where none did."""
     gains: tuple[float, ...]
-    """Its gain, nats per scene; 0 where none passed."""
+    """The gain of each of these, nats per scene; 0 where none passed."""
     free: tuple[float, ...]
-    """The strongest free curve's gain likewise."""
+    """The gain of each null's strongest free curve, likewise."""
     answered: int
     """Nulls of which something would have been said with the standing bar."""
     bar: float
@@ -226,12 +226,12 @@ class OwnCandidate:
 
     name: str
     origin: dict[str, str]
-    """`file` and `sha256`, or `package` and `version`."""
+    """Where it comes from: `file` and `sha256`, or `package` and `version`."""
     gain: float
     """Gain at the first step, held-out nats per scene."""
     p_value: float
     why_not: str
-    """Empty for what was named."""
+    """Why it was not named; empty for what was."""
     look_alikes: tuple[LookAlike, ...]
     """Effects of the catalogue that reproduce most of its expectation on these frames, nearest first."""
 
@@ -242,7 +242,7 @@ class Regime:
 
     effect: str
     divides: str
-    """time, tag, azimuth, or scene where nothing that frames say divides their drives."""
+    """What divides: time, tag, azimuth, or scene where nothing that frames say divides their drives."""
     where: Region
     share: float
     """Share of all frames' columns that it holds."""
@@ -274,14 +274,14 @@ class Unexplained:
     channel: str
     covariate: str
     character: str
-    """periodic, monotone, step or other."""
+    """What it looks like: periodic, monotone, step or other."""
     formula: str
     x: tuple[float, ...] = ()
     y: tuple[float, ...] = ()
     band: tuple[float, ...] = ()
     """Half width of the 90 % band of `y`."""
     adds: bool = False
-    """Of intensity: `y` is added, in its own unit; else it is a change of ln I."""
+    """Whether `y` is added to the intensity, in its own unit; else it is a change of ln I."""
     along: str = ""
     """What `x` is, where that is a finer look at the covariate (`covariates.NAMED`); empty where it is itself."""
 
@@ -292,10 +292,10 @@ class Repeat:
 
     channel: str
     scale: str
-    """row, column, cell, parity or wave; `any row`, `any column`, `any cell` where scenes' maps resemble each other
-    without a simple pattern."""
+    """What repeats: row, column, cell, parity or wave; `any row`, `any column`, `any cell` where scenes' maps resemble
+    each other without a simple pattern."""
     along: str
-    """row, column, or row x column."""
+    """Along what it repeats: row, column, or row x column."""
     place: str
     """The place in words: which rows and columns, or how many periods over the image."""
     period: float | None
@@ -337,12 +337,12 @@ class Gained:
 
     value: float
     low: float
-    """90 % interval, from the scatter between scenes."""
+    """Lower end of the 90 % interval, from the scatter between scenes."""
     high: float
     floor: float
     """What free curves along the named effects' covariates gain with the same data."""
     placebo: float
-    """The same with the runner-up in place of the named effect."""
+    """What the scenes gain with the runner-up in place of the named effect."""
     win_rate: float
     """Share of judge scenes that gain."""
     unit: str = "nats per scene"
@@ -355,17 +355,17 @@ class Gap:
     before: float
     after: float
     low: float
-    """90 % interval of `before - after`, from the scatter between scenes."""
+    """Lower end of the 90 % interval of `before - after`, from the scatter between scenes."""
     high: float
     unit: str
     floor: float
     """What free curves along the named effects' covariates reach with the same data."""
     placebo: float
-    """The same with the runner-up in place of the named effect."""
+    """The distance that the runner-up reaches in place of the named effect."""
     win_rate: float
     """Share of judge scenes where it shrank."""
     gained: Gained | None = None
-    """None where no likelihood is computed (unpaired)."""
+    """What the likelihood of the scenes gains; None where none is computed (unpaired)."""
 
     @property
     def not_worse(self) -> bool:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.logs import LogOptions
-from jaxsim.data.logs.gridding import infer_sensor, to_sweep
+from jaxsim.data.logs.gridding import infer_layout, to_sweep
 from jaxsim.data.logs.scan import scan_of_fields
 from jaxsim.geometry import preset
 from tests.data.logs.conftest import ELEVATION, FIRINGS, RINGS, expected, room
@@ -18,7 +18,7 @@ def scan(fields, options=ASKED, **more):
 
 def swept(fields, options=ASKED, **more):
     given = scan(fields, options, **more)
-    return to_sweep(given, infer_sensor([given], options, by="test"), options, by="test")
+    return to_sweep(given, infer_layout([given], options, by="test"), options, by="test")
 
 
 def test_every_firing_has_a_cell_of_its_own(fields):
@@ -90,9 +90,9 @@ def test_points_of_a_named_sensor_lie_on_the_beam_that_passes_nearest_from_its_o
     options = LogOptions(sensor="hdl64e")
     del fields["ring"]
     given = scan(on_beams_of(fields, "hdl64e"), options)
-    sensor = infer_sensor([given], options, by="test")
-    assert sensor.beams.off_deg < 1e-3
-    image = to_sweep(given, sensor, options, by="test").image
+    layout = infer_layout([given], options, by="test")
+    assert layout.beams.off_deg < 1e-3
+    image = to_sweep(given, layout, options, by="test").image
     assert not image.valid[RINGS:].any()
     assert image.valid[:RINGS].all()
     np.testing.assert_allclose(image.intensity[:RINGS], expected(fields)[1], rtol=1e-6)
@@ -122,9 +122,9 @@ def test_a_cloud_in_the_cars_frame_is_refused_and_its_mounting_can_be_fitted(fie
         swept(fields)
     options = LogOptions(mount="fit")
     given = scan(fields, options)
-    sensor = infer_sensor([given], options, by="test")
-    np.testing.assert_allclose(sensor.cloud_from_sensor[:3, 3], (1.4, 0, 1.8), atol=2e-3)
-    sweep = to_sweep(given, sensor, options, by="test")
+    layout = infer_layout([given], options, by="test")
+    np.testing.assert_allclose(layout.cloud_from_sensor[:3, 3], (1.4, 0, 1.8), atol=2e-3)
+    sweep = to_sweep(given, layout, options, by="test")
     assert sweep.image.valid.mean() > 0.99
 
 

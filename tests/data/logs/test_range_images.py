@@ -93,7 +93,7 @@ def test_range_images_become_polar_frames_on_the_named_sensors_lines(tmp_path):
     options = LogOptions(sensor="hdl32e", classes="semantickitti")
     written = write_log(tmp_path / "images", kind, source, out=tmp_path / "out", options=options)
     assert (written.frames, written.rows, written.columns) == (2, 32, 360)
-    assert written.sensor.beams.off_deg == pytest.approx(0.33, abs=0.02)
+    assert written.layout.beams.off_deg == pytest.approx(0.33, abs=0.02)
     frames = open_polar_frames(tmp_path / "out")
     image, more = frames.read("00")
     assert image.valid[8:24].mean() > 0.99
@@ -126,6 +126,6 @@ def test_real_range_images_of_nuscenes_lie_on_an_hdl_32e(samples, tmp_path):
     kind, source = source_for(folder)
     written = write_log(folder, kind, source, out=tmp_path, options=LogOptions(sensor="hdl32e"), most=2)
     assert (written.rows, written.columns) == (32, 1024)
-    assert written.sensor.beams.off_deg < 0.1
+    assert written.layout.beams.off_deg < 0.1
     assert written.filled > 0.7
     assert len(open_dataset("polar", tmp_path)) == 8

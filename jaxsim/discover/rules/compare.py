@@ -1,0 +1,84 @@
+"""Compare: readings that say something of a reflectance or a distance; noise and lattices of frames; kinds of surfaces.
+
+Thresholds of noise were set on the street of tests/discover/noisy_street.py: without noise it has none, and each kind
+of noise is told there within a tenth to a third.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CompareRules:
+    """Thresholds on single readings, and on what all readings of a side have in common."""
+
+    # Readings.
+    compared_below_rad: float = math.radians(80.0)
+    """Intensities are compared below this incidence: beyond it a degree off changes the cosine by a tenth (a
+    judgement, not calibrated)."""
+    compared_steps: float = 3.0
+    """Steps of the sensor's rounding below which predicted intensities are not compared: their logarithms are off (a
+    judgement, not calibrated)."""
+    compared_noise: float = 0.2
+    """Noise that is the same for all intensities, over the predicted one, from which on intensities are not compared.
+    The sensor's puts the mean of a logarithm off by half its square, the simulator's hides what it means (a judgement,
+    not calibrated; tests/discover/model/test_simulator.py)."""
+    full_reading: float = 0.9995
+    """Intensity from which a reading lies at the end of the sensor's scale: what is brighter reads the same (a
+    judgement, not calibrated) ..."""
+    full_share: float = 0.05
+    """... so surfaces of which more than this share reads it are not compared: the others of them are the dark ones (a
+    judgement, not calibrated; tests/discover/model/test_evidence.py)."""
+    least_slant: float = 0.03
+    """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does (a
+    judgement, not calibrated)."""
+
+    # Noise and lattices of frames.
+    finest_step: float = 1e-3
+    """Step up to which a lattice is no rounding (a convention: a thousandth of the full scale, or a millimetre)."""
+    lattice_share: float = 0.995
+    """Share of the values that must lie on a lattice: a faulty reading does not hide it
+    (tests/discover/model/test_noise_levels.py: a few off it do not hide it, many do) ..."""
+    lattice_near: float = 0.02
+    """... within this share of a step (a judgement, not calibrated) ..."""
+    lattice_values: int = 100
+    """... and values that it takes: few lie on some lattice by chance (a judgement, not calibrated) ..."""
+    lattice_gaps: int = 5
+    """... and gaps between them (a judgement, not calibrated)."""
+    fewest_differences: int = 400
+    """Differences between neighbouring rays of a surface from which noise is told, of each intensity's level too (set
+    on noisy_street.py)."""
+    noisy_range_m: float = 0.004
+    """Range noise below which a side counts as ideal, standard deviation: curved surfaces have as much (set on
+    noisy_street.py)."""
+    noisy_intensity: float = 0.01
+    """The same of intensity, as a share of it (set on noisy_street.py)."""
+    noisy_incidence_rad: float = math.radians(0.5)
+    """The same of angles of incidence (set on noisy_street.py)."""
+    noisy_loss: float = 0.001
+    """Share of rays lost within smooth surfaces below which holes are the street's (set on noisy_street.py)."""
+    noisy_constant: float = 4.0
+    """The part of the noise that is the same for all intensities counts from so many times the proportional one on, in
+    squares and in the darkest bin: where it is four fifths of the variance (set on noisy_street.py)."""
+    cosine_as_well: float = 1.1
+    """Ratio of variances up to which intensities follow the cosine as well as they follow none (a judgement, not
+    calibrated)."""
+
+    # Kinds of surfaces: where no class tells them apart, and where intensities are those of a table.
+    level_ground_rad: float = 0.15
+    """Planes tilted by less than this are level ground (a judgement, not calibrated)."""
+    least_down_rad: float = math.radians(1.0)
+    """Rays that look down by less tell no ground from walls (a judgement, not calibrated)."""
+    albedo_apart: float = 0.1
+    """Nats between knots of ln albedo, at least; where all albedos are alike one knot is left (a judgement, not
+    calibrated)."""
+    coarsest_step: float = 0.02
+    """A few intensities are steps of a rounding, and no table, if they are no farther apart than this
+    (tests/discover/model/test_kinds.py: a table of five, and a dark scene in 8 bits) ..."""
+    filled_lattice: float = 0.5
+    """... and so large a share of their lattice is read (set on the same)."""
+    one_angle_share: float = 0.1
+    """Share of the variance of angles that is left within intensities below which these follow the angle, as a road's
+    do by Lambert's law, and are no table (tests/discover/model/test_kinds.py)."""

@@ -1,0 +1,97 @@
+"""Read and pair: whether two folders can be compared at all; and scenes, what few of them may decide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jaxsim.metrics.intervals import LEVEL
+
+
+@dataclass(frozen=True)
+class ReadRules:
+    """Thresholds on scenes, frames and pairs of frames."""
+
+    # Scenes: their division, and what few of them may decide.
+    fewest_scenes: int = 10
+    """Scenes that a verdict needs: 3 to judge on and 7 to find with (follows from `agreement_level`, which signs of
+    fewer cannot reach; tests/discover/test_scenes.py)."""
+    judge_share: float = 1 / 3
+    """Share of the scenes that is kept for judging (a convention)."""
+    folds: int = 3
+    """Parts of the find scenes, each held out of a fit once (a convention)."""
+    decisive_scenes: int = 3
+    """Scenes that must agree: no scene's gain or loss counts for more than the third largest, `scenes.clipped` (a
+    judgement, not calibrated; tests/discover/name/test_candidates.py: two decide nothing, three do)."""
+    sign_draws: int = 4096
+    """Signs drawn over scenes where they are too many for all to be tried (a convention: 2^12, as many as twelve scenes
+    have)."""
+    interval_level: float = LEVEL
+    """Coverage of every interval that a verdict gives (a convention)."""
+
+    # Frames.
+    fewest_returns: float = 0.01
+    """Share of rays that return below which a frame counts as empty (a judgement, not calibrated)."""
+    nearest_m: float = 0.3
+    """Median range below which ranges are not in metres (a judgement, not calibrated) ..."""
+    farthest_m: float = 500.0
+    """... and above which they are not (a judgement, not calibrated)."""
+    consecutive_s: float = 2.0
+    """Frames nearer in time than this show the same street (a judgement, not calibrated)."""
+
+    # Pairs of frames.
+    near_m: float = 0.5
+    """A measured range agrees with the simulated one within the larger of this (set on the catalogue, whose effects but
+    rain and fog leave most rays so; tests/discover/read/test_checks.py has some of severity 4) ..."""
+    near_share: float = 0.05
+    """... and this share of the range (set on the same)."""
+    same_street: float = 0.75
+    """Share of rays that agree in a frame, at least: effects of the catalogue leave nearly all, in another street
+    little more than the road agrees (tests/discover/read/test_checks.py)."""
+    not_beyond: float = 0.8
+    """The same share of the rays that agree or go beyond, at least: clutter before the surface does not count
+    (tests/discover/read/test_checks.py: dense fog passes, another street does not)."""
+    in_sight: float = 0.7
+    """Share of measured points that must lie within the simulated image as registered: fewer, and others are apart (a
+    judgement, not calibrated)."""
+    most_frames: float = 0.5
+    """Share of frames, or of scenes, above which something holds for the folder (a convention: the majority)."""
+    common_returns: float = 0.05
+    """Rays that return on both sides, of those of the poorer side, at least (a judgement, not calibrated)."""
+    steady: float = 0.05
+    """Median absolute deviation of ln(measured / simulated range) up to which the two differ by a factor (a judgement,
+    not calibrated) ..."""
+    unit_factor: float = 1.1
+    """... and factor from which on it is one of units (set on the catalogue, whose range_scale ends at 1.02)."""
+    better_partner: float = 0.1
+    """Share of rays by which agreement is clearly better with another frame, or that of most frames clearly better
+    (tests/discover/read/test_checks.py: streets that share nine rows in ten tell nothing, those that share fewer do).
+    """
+
+    # Registration.
+    moved_m: float = 0.06
+    """Motion of the sensor beyond its interval from which on the sides are registered first (set on `POSE_SD`, what a
+    frame's own pose has, three times it: nearer by, fits arrive of themselves) ..."""
+    turned_rad: float = 0.004
+    """... rotation likewise (set on the same, four times it) ..."""
+    lifted_rad: float = 0.004
+    """... and what all beams point higher by (set as `turned_rad`)."""
+    driven_m: float = 0.15
+    """Way during a scan, median over drives, from which on missing speeds are read off the frames; at 10 Hz it is
+    1.5 m/s (set on nulls of the development cases, which reach 0.05 m) ..."""
+    driven_sd: float = 3.0
+    """... and in how many standard deviations of its own: few rays without a surface have ways of 0.2 m by chance (a
+    convention)."""
+    registered_least: tuple[float, float, float] = (0.006, 0.0003, 0.02)
+    """Half widths of a motion's shift (m), turn (rad) and way during a scan (m) at least, however many scenes there are
+    (set on development cases, where planes through neighbouring cells are that far off:
+    `python -m benchmarks.blind.placed`)."""
+    apart_m: float = 0.15
+    """Scatter of frames along their heading (median deviation) from which on they are of other moments than their
+    partners (set on development cases, where poses of frames scatter by 2 cm) ..."""
+    farthest_mounted_m: float = 0.6
+    """... as they are if all are farther along than this (set on the catalogue, by which a mounting is off by 0.5 m at
+    most)."""
+    related_surfaces: int = 8
+    """Surfaces of a scene from which on their intensities can be ranked (a judgement, not calibrated)."""
+    related_rays: int = 3
+    """Rays from which a surface's mean is taken (a judgement, not calibrated)."""
