@@ -22,7 +22,7 @@ from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import Levels, on_lattices
 from jaxsim.discover.model.null import fit_null, on_evidence
 from jaxsim.discover.model.simulator import Meant, meant
-from jaxsim.discover.other_surfaces import USUALLY_APART, in_words, same_surfaces, seen_by_both, surfaces_apart
+from jaxsim.discover.other_surfaces import in_words, same_surfaces, seen_by_both, surfaces_apart
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.rules import RULES
@@ -108,7 +108,7 @@ class Division:
             both = seen_by_both(*both, same=comparison.told)
         if comparison.other_moments:
             both = same_surfaces(*both)
-        elif (apart := surfaces_apart(*both)).mean() > USUALLY_APART:
+        elif (apart := surfaces_apart(*both)).mean() > RULES.one_side_share:
             left_out = in_words(apart, both[0])
             both = seen_by_both(*both, same=~apart)
         both_scan, measured = jax.tree.map(jnp.asarray, both)

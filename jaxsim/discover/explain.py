@@ -12,7 +12,7 @@ from jaxsim.discover.division import Division
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import shared_levels
-from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.answer import SCARCE, Answer
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
@@ -27,8 +27,9 @@ from jaxsim.effects.origin import OwnEffect
 ELSEWHERE = {
     EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
     CONTROL: "what the simulator lacks by itself, and nothing new",
+    SCARCE: "what a beam of some width does on thin things, which a simulator that casts single rays misses",
 }
-"""What it means that other sides show what was found."""
+"""What it means that something was found which is not said, by why."""
 
 
 def named(

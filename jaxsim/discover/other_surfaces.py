@@ -15,20 +15,16 @@ from jaxtyping import Bool, Float
 
 from jaxsim.data.cityscapes import IDS, NAMES
 from jaxsim.discover.model.evidence import Measured, near_enough
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array
 
-BY_CHANCE = 0.1
-"""Share of the rays that have a neighbour alike, up to which one may be alike by chance."""
 MOST = 3
 """Classes that are named."""
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 """Rows and columns by which the four neighbours of a ray lie off."""
 BLOOMING_RAD = 0.16
 """How far from a very bright target glare may be read: twice the largest radius of `blooming`."""
-USUALLY_APART = 0.003
-"""Share of the rays up to which surfaces of one side alone are left where they are: beside edges chance makes as many,
-0.13 % at most on single effects of the development cases."""
 
 
 def seen_by_both(scan: Scan, measured: Measured, *, same: Bool[Array, "f r n"]) -> tuple[Scan, Measured]:
@@ -75,7 +71,7 @@ def surfaces_apart(scan: Scan, measured: Measured) -> Bool[np.ndarray, "f r n"]:
     alike = _alike(off, read_m, off, read_m)
     some = np.any(alike, axis=0)
     far = np.any(_alike(off, read_m, *(np.roll(one, off.shape[2] // 4, axis=2) for one in (off, read_m))), axis=0)
-    if far.sum() <= BY_CHANCE * some.sum():
+    if far.sum() <= RULES.alike_by_chance * some.sum():
         apart = some
     else:
         core = np.sum(alike, axis=0) >= 2

@@ -12,7 +12,7 @@ from jaxtyping import Int
 
 from jaxsim.discover.covariates import Dependence, spelled
 from jaxsim.discover.find import localise
-from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.name.candidates import Candidate
@@ -34,6 +34,7 @@ Curve = tuple[Dependence, Candidate]
 LeavesNothing = Callable[[Curve, Sequence[Law], float], bool]
 """Whether the law of a free curve, in place, leaves effects nothing to say that passes a bar."""
 
+SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before what is simulated"
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 
 
@@ -89,6 +90,8 @@ def name_effects(
 
     def refuse(step: FittedStep) -> str:
         why = next((sides.why for other in others if (sides := other()).has(step, null)), "")
+        if not why and step.chosen.effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
+            why = SCARCE
         if not why and step.chosen.effect.name == "range_noise" and not noise_grows():
             why = UNFOUNDED
         if why:
@@ -124,6 +127,12 @@ def name_effects(
         elsewhere=(*effects, *((in_words(along), why) for along, why in passed)),
         unfounded=tuple(name for name, why in choice.refused.items() if why == UNFOUNDED),
     )
+
+
+def clutter_of(null: Problem, step: FittedStep) -> float:
+    """The share of false returns before surfaces that an effect adds, over all rays."""
+    rays = on_top(step.chosen.effect, null, step.fit.z).ev.rays
+    return float(np.mean(np.asarray(rays.clutter) - np.asarray(null.ev.rays.clutter)))
 
 
 def _elsewhere(others: Sequence[Callable[[], OtherSides]], problem: Problem, curve: Curve) -> str:

@@ -39,6 +39,10 @@ class NameRules:
     direction_share: float = 0.25
     """Part of the way from the null to a fit at which scenes must agree on its direction, if not on its length (set on
     yaw, falloff and range walk of severity 2, which were not told from noise without it)."""
+    scarce_clutter: float = 0.004
+    """Share of false returns before surfaces up to which no effect is said (a judgement, not calibrated: where a
+    simulator casts single rays, beams of 2.5 mrad read thin things that it misses on 0.2 to 0.35 % of the rays, and the
+    unit of severity of `benchmarks/blind` is 0.5 % or more)."""
     sudden_nats: float = 12.0
     """Gain of each of `decisive_scenes` with which a rare event (lost packets) passes without that test (a judgement,
     not calibrated; tests/discover/name/test_candidates.py) ..."""
