@@ -29,7 +29,8 @@ Return and range: one mixture a ray, columns whole (`likelihood.return_terms`, `
     h(d)      = (1 - M) surface(d) + M between(d)    M mixed pixels: even between the surface and the one beside it
                 near(d) / 2 + 1 / 200 m              where the simulated ray hits nothing
     surface(d) = (1 - q_wide - q_switch) t4(d - r_i - shift_i(u); V_i)                 core
-               + q_wide Cauchy(d - r_i - shift_i(u); 1 m)                              wide: far off
+               + q_wide Cauchy(d - r_i - shift_i(u); 1 m)                              wide: far off; at edges half
+                                                                                       even between 0 and r_i
                + q_switch near(d)                                                      at edges: a neighbour's echo
     near(d)   = mean over 4 neighbours of N(d; range beside, 0.05 m + 2 %)
     V_i       = s_range^2 + s_aim^2 |d r / d rotation|^2 + s_edge^2 [edge] + known_i + scatter, rounding of effects

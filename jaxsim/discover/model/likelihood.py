@@ -188,10 +188,14 @@ def _log_near(rays: Rays, ev: Evidence) -> Float[Array, "b c r"]:
 def _log_surface(
     ev: Evidence, noise: Noise, *, off: Float[Array, "b c r"], near: Float[Array, "b c r"], sd: Float[Array, "b c r"]
 ) -> Float[Array, "b c r"]:
-    """The surface's echo: a core (Student-t) about the predicted range, a wide part (Cauchy) about it, and, at edges,
-    a neighbour's echo."""
+    """The surface's echo: a core (Student-t) about the predicted range, a wide part about it, and, at edges, a
+    neighbour's echo. The wide part is Cauchy's; at edges it is half even before the surface, where a beam of some width
+    meets what single rays pass by."""
     core = log_student(off, sd)
     wide = log_cauchy(off, _WIDE_M)
+    expected = jnp.maximum(ev.range_m - off, _WIDE_M)
+    before = jnp.where(off < 0, -jnp.log(expected), NEVER)
+    wide = jnp.where(ev.edge, jnp.logaddexp(wide, before) - math.log(2), wide)
     switch, rate = log_stray(ev, noise)
     # What neither strays nor switches is core: 2 % of it stay, whatever rates a step of the fit tries.
     usual = jnp.log1p(-jnp.clip(jnp.exp(rate) + jnp.exp(switch), 0, 0.98))
