@@ -49,13 +49,24 @@ def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
     assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
 
 
-def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, **more):
+def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, sectors=1, left_out="", **more):
     """The notes of an answer on frames of which nothing else must be known."""
     scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
     comparison = SimpleNamespace(notes=(), scenes=("a", "b"), scan=scan, control=control)
     simulator = SimpleNamespace(noise=Levels(), free_contrast=free_contrast)
-    division = SimpleNamespace(parts=SimpleNamespace(judge=("a",) * 5), simulator=simulator)
+    parts, blocks = SimpleNamespace(judge=("a",) * 5), SimpleNamespace(sectors=sectors)
+    division = SimpleNamespace(parts=parts, blocks=blocks, left_out=left_out, simulator=simulator)
     return inspect.unwrap(notes)(comparison, division, Answer("named", Choice(steps, (), problem()), None, **more))
+
+
+def test_few_drives_that_are_cut_into_sectors_are_told():
+    [note] = told(sectors=6)
+    assert note.startswith("2 drives alone: frames of each are cut into 6 sectors")
+
+
+def test_rays_that_are_left_out_are_told():
+    [note] = told(left_out="3.5% of the rays (29% of terrain)")
+    assert note.startswith("3.5% of the rays (29% of terrain) met a surface that one side alone has")
 
 
 def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():

@@ -39,8 +39,31 @@ def test_no_return_and_all_ranges_together_have_probability_one(evidence, change
     at = np.concatenate([np.arange(0.05, 40, 0.1), np.arange(40, 400, 2.0)])
     lost, density = _swept(rays, replace(evidence, returned=evidence.returned | True), w, at.astype(np.float32))
     total = np.tensordot(np.gradient(at), np.asarray(density, float), 1) + np.exp(np.asarray(lost, float))
-    plain = np.asarray(evidence.rays.hit & ~evidence.edge)
-    assert np.quantile(np.abs(total[plain] - 1), 0.95) < 0.03
+    surrounded = np.isfinite(np.asarray(evidence.rays.beside_m)).all(-1)
+    for edge in (False, True):
+        asked = np.asarray(evidence.rays.hit & (evidence.edge == edge)) & surrounded
+        assert asked.any()
+        assert np.quantile(np.abs(total[asked] - 1), 0.95) < 0.03
+
+
+def test_at_an_edge_a_reading_may_lie_anywhere_before_the_surface_but_not_behind(evidence):
+    """A beam of some width meets there what single rays pass by."""
+    zero = jnp.zeros(evidence.edge.shape)
+    w = normal_equations(evidence, START, (zero, zero))
+    w = w.replace(range_=w.range_ * 0)
+    rays = evidence.rays.replace(beside_m=jnp.full_like(evidence.rays.beside_m, jnp.inf))
+    ev = replace(evidence, returned=evidence.returned | True)
+
+    def at(share):
+        one = replace(ev, range_m=share * rays.range_m)
+        return np.asarray(return_terms(rays, one, START, equations=w, clutter=False)[1])
+
+    far = np.asarray(rays.hit) & (np.asarray(rays.range_m) > 15)
+    edge = np.asarray(evidence.edge) & far
+    plain = far & ~np.asarray(evidence.edge)
+    assert (at(0.5)[edge] > at(1.5)[edge] + 1).all()
+    np.testing.assert_allclose(at(0.25)[edge], at(0.5)[edge], atol=0.3)
+    np.testing.assert_allclose(at(0.5)[plain], at(1.5)[plain], atol=0.01)
 
 
 @jax.jit

@@ -1,5 +1,6 @@
 """Which answer is given."""
 
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -7,10 +8,13 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.covariates import Dependence
+from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.name import answer
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.verdict import Unexplained
+from jaxsim.effects import EFFECTS
+from tests.discover import noisy_street
 from tests.discover.name.made import CHANNEL, candidate, problem, step
 
 NUMBERS = 36
@@ -192,3 +196,18 @@ def test_without_a_curve_that_is_not_confirmed_the_rest_stays(steps, verdict):
     assert left.choice is found.choice
     assert left.unconfirmed == ("intensity along range",)
     assert answer.without_curve(left) is left
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("standard_promotion")
+@pytest.mark.parametrize(("share", "said"), [(0.002, False), (0.02, True)])
+def test_false_returns_are_said_where_they_are_more_than_thin_things_make(share, said):
+    """Cast and disturbed in plain NumPy: a share of the rays reads anything before its surface."""
+    of = noisy_street.comparison({}, {"range_m": 0.01}, 12)
+    rng = np.random.default_rng(2)
+    false = rng.random(of.measured.valid.shape) < share
+    early = np.where(false, rng.uniform(0.1, 0.9, false.shape), 1) * of.measured.range_m
+    null = NullModel.of(Division.of(replace(of, measured=replace(of.measured, range_m=early.astype(np.float32)))))
+    told = answer.name_effects(null.problem, [EFFECTS["interference"]], (), scene=null.scene)
+    assert [step.chosen.effect.name for step in told.choice.steps] == ["interference"] * said
+    assert told.elsewhere == (() if said else (("interference", answer.SCARCE),))
