@@ -19,8 +19,8 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array
 
-MOST = 3
-"""Classes that are named."""
+CLASSES_TOLD = 3
+"""Classes that a note names at most."""
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 """Rows and columns by which the four neighbours of a ray lie off."""
 BLOOMING_RAD = 0.16
@@ -68,9 +68,9 @@ def surfaces_apart(scan: Scan, measured: Measured) -> Bool[np.ndarray, "f r n"]:
             known |= shifted(hit, rows, columns) & np.asarray(near_enough(read_m, aside_m))
     glare = np.asarray(near_enough(read_m, scan.glare_m)) & (np.asarray(scan.glare_rad) < BLOOMING_RAD)
     off = valid & ~known & ~glare
-    alike = _alike(off, read_m, off, read_m)
+    alike = _alike(off, read_m)
     some = np.any(alike, axis=0)
-    far = np.any(_alike(off, read_m, *(np.roll(one, off.shape[2] // 4, axis=2) for one in (off, read_m))), axis=0)
+    far = np.any(_alike(off, read_m, away=off.shape[2] // 4), axis=0)
     if far.sum() <= RULES.alike_by_chance * some.sum():
         apart = some
     else:
@@ -82,12 +82,10 @@ def surfaces_apart(scan: Scan, measured: Measured) -> Bool[np.ndarray, "f r n"]:
 
 
 def _alike(
-    off: Bool[np.ndarray, "f r n"],
-    read_m: Float[np.ndarray, "f r n"],
-    others_off: Bool[np.ndarray, "f r n"],
-    others_m: Float[np.ndarray, "f r n"],
+    off: Bool[np.ndarray, "f r n"], read_m: Float[np.ndarray, "f r n"], *, away: int = 0
 ) -> list[Bool[np.ndarray, "f r n"]]:
-    """For each of the four neighbours, whether a ray and it, in the other frames, are both off and read the same."""
+    """For each of the four neighbours, so many columns `away`, whether a ray and it are both off and read the same."""
+    others_off, others_m = np.roll(off, away, axis=2), np.roll(read_m, away, axis=2)
     return [
         off & shifted(others_off, *by) & np.asarray(near_enough(read_m, shifted(others_m, *by))) for by in NEIGHBOURS
     ]
@@ -99,7 +97,10 @@ def in_words(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> str:
     semantic = np.asarray(scan.semantic)
     classes = [one for one in np.unique(semantic) if one != IDS["unlabeled"]]
     of_class = {NAMES[int(one)]: float(apart[semantic == one].mean()) for one in classes}
-    most = [f"{of_class[name]:.0%} of {name}" for name in sorted(of_class, key=of_class.__getitem__)[: -MOST - 1 : -1]]
+    most = [
+        f"{of_class[name]:.0%} of {name}"
+        for name in sorted(of_class, key=of_class.__getitem__)[: -CLASSES_TOLD - 1 : -1]
+    ]
     where = f" ({', '.join(most)})" if most else ""
     return f"{share:.1%} of the rays{where}"
 
