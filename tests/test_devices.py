@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_info
 
 from jaxsim import devices
 from jaxsim.devices import by_small_steps, side_by_side
-from tests.programs import PATIENCE_S
+from tests.programs import DEVICES, PATIENCE_S, QUICK, with_flags
 
 pytestmark = pytest.mark.long
 
@@ -32,7 +32,7 @@ STEPS = 4
 @contextmanager
 def started(*args: object, count: int, **variables: object) -> Iterator[subprocess.Popen[str]]:
     """A process of `small_training`, killed at the end if it still runs."""
-    flags = f"--xla_force_host_platform_device_count={count}"
+    flags = with_flags(f"{DEVICES}={count}", *QUICK)
     environment = {**os.environ, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": flags, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "tests.small_training", *map(str, args)]
     process = subprocess.Popen(
