@@ -60,6 +60,7 @@ from tests.data.fixtures import (  # noqa: F401  (trees of data sets, for all fo
     virtual,
     virtual_root,
 )
+from tests.quick import quickly_compiled
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -129,6 +130,13 @@ def give_back() -> None:
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
+
+
+@pytest.fixture(scope="module")
+def quick_programs():
+    """Compiles what a module's tests need as quickly as can be, where that takes most of their time."""
+    with quickly_compiled():
+        yield
 
 
 @pytest.fixture(scope="module")
