@@ -29,11 +29,11 @@ def test_with_free_contrast_all_is_found_again_beside_it(stages):
     assert free.found.null.problem.ev.features.shape[-1] > stages.placed.found.null.problem.ev.features.shape[-1]
 
 
-def test_too_few_scenes_are_refused():
+def test_few_drives_that_are_too_narrow_for_sectors_are_refused():
     scan, measured = toy(frames=4)
     names = tuple("abcd")
-    with pytest.raises(ValueError, match="4 independent scenes; a verdict needs 10"):
-        place(Comparison(scan, measured, names, names), [get_effect("beam_gain")], NOTHING_YET, log=print)
+    with pytest.raises(ValueError, match="frames of 1 drive, of 60 columns, are too narrow"):
+        place(Comparison(scan, measured, names, ("drive",) * 4), [get_effect("beam_gain")], NOTHING_YET, log=print)
 
 
 def test_progress_tells_how_scenes_are_divided():

@@ -161,7 +161,8 @@ def _hidden(cells: Cells, *, closed: bool) -> tuple[Start, ...]:
     left = -float(np.mean(_border(-away[away < 0], cells.nats[away < 0])))
     width = right - left
     middle = within_turn(middle + (left + right) / 2)
-    return tuple({"azimuth_rad": middle, "width_rad": share * width} for share in (0.7, 1.0, 1.4))
+    # Columns that a fit looks at may all lie well within: of widths that say the same the first is taken.
+    return tuple({"azimuth_rad": middle, "width_rad": share * width} for share in (1.0, 0.7, 1.4))
 
 
 def _border(away: Float[np.ndarray, " n"], nats: Float[np.ndarray, " n"]) -> tuple[float, float]:

@@ -97,7 +97,7 @@ def test_a_hidden_sector_behind_the_car_is_one(problem, after):
     columns = np.asarray(problem.scan.grid.azimuth_rad)
     ended = starts_of(without(problem, lambda azimuth, _: np.abs(np.angle(np.exp(1j * (azimuth - middle)))) <= 0.3))
     hidden = (np.abs(np.angle(np.exp(1j * (columns - middle)))) <= 0.3).sum()
-    start = ended["sector_occlusion"][1]
+    start = ended["sector_occlusion"][0]
     assert -np.pi <= start["azimuth_rad"] <= np.pi
     assert abs(np.angle(np.exp(1j * (start["azimuth_rad"] - middle)))) < 0.03
     assert start["width_rad"] == pytest.approx(hidden * 2 * np.pi / len(columns), abs=0.01)
@@ -130,6 +130,6 @@ def test_a_hidden_sector_of_a_window_across_the_cut_is_one(problem):
     evidence = hidden.replace(cell_hits=hidden.cell_hits[:, within], cell_lost=hidden.cell_lost[:, within])
     window = grid.replace(azimuth_rad=grid.azimuth_rad[within] - np.pi)
     behind = replace(problem, ev=evidence, scan=problem.scan.replace(grid=window))
-    start = starts_of(behind)["sector_occlusion"][1]
+    start = starts_of(behind)["sector_occlusion"][0]
     assert abs(np.angle(np.exp(1j * (start["azimuth_rad"] - (0.8 - np.pi))))) < 0.15
     assert start["width_rad"] == pytest.approx(0.6, abs=0.3)
