@@ -46,8 +46,8 @@ def contrast_of_answer(found: Candidate, problem: Problem) -> Contrast:
     """What an answer says of the contrast that was `found`, `problem` being that of the answer, contrast left free."""
     scene = np.asarray(problem.ev.scene)
 
-    def slopes(fitted: Any) -> np.ndarray:
-        return 1 + np.asarray(shared_levels(problem.ev, problem.equations, fitted))[-len(SCALES) :]
+    def slopes(in_fit: Any) -> np.ndarray:
+        return 1 + np.asarray(shared_levels(problem.ev, problem.equations, in_fit))[-len(SCALES) :]
 
     whole = slopes(problem.ev.all_blocks)
     without = np.stack([slopes((scene != one).astype(np.float32)) for one in np.unique(scene)])

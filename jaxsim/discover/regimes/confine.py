@@ -129,7 +129,7 @@ class JudgeScenes:
 
     def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
         """Each block's log-likelihood, nats, at the weights of the null."""
-        at = {"equations": self.base.equations, "fitted": self.scenes.fitted, "clutter": problem.clutter}
+        at = {"equations": self.base.equations, "in_fit": self.scenes.in_fit, "clutter": problem.clutter}
         return np.asarray(log_likelihood(problem.ev, noise, **at)).sum(-1)
 
     def gained(self, one: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
@@ -142,7 +142,7 @@ class JudgeScenes:
             choosing, asked = self.halves()
             one, trial = choosing._joined(one, trial, facts)
         # At the equations of one null, each with the noise that it leaves: what differs is the region alone.
-        judged = asked.scenes.fitted == 0
+        judged = asked.scenes.in_fit == 0
         return one, float((asked._with(trial) - asked._with(choice))[judged].sum())
 
     def _with(self, choice: Choice) -> Float[np.ndarray, " b"]:
@@ -160,7 +160,7 @@ class JudgeScenes:
         """Takes in the judge scenes that are likelier with the effect than without it."""
         law = one.step.chosen.effect
         better = self.likelier_with(one.plain, one.step.fit)
-        judged = self.scenes.fitted == 0
+        judged = self.scenes.in_fit == 0
         names = {facts.names[k] for k in self.scenes.division.blocks.frame[judged & better].tolist()}
         region = Region(scenes=tuple(sorted({*one.region.scenes, *names})))
         frames: Bool[np.ndarray, " f"] = np.isin(facts.names, region.scenes)

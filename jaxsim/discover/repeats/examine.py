@@ -50,7 +50,7 @@ class Dense:
         """What is left with `effects` in place, which leave `noise` (by default the null's)."""
         problem = self.scenes.with_effects(effects, noise)
         columns = self.scenes.division.scan.range_m.shape[2]
-        return maps_of(problem, self.scenes.fitted, self.scenes.scene, columns=columns)
+        return maps_of(problem, self.scenes.in_fit, self.scenes.scene, columns=columns)
 
     def learn(self, patterns: Sequence[FoundPattern], effects: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
         """The laws of what was found on top of `effects`, which leave `noise`."""

@@ -70,17 +70,17 @@ class Maps:
 
 
 def maps_of(
-    problem: Problem, fitted: Float[np.ndarray, " b"], scene: Int[np.ndarray, " b"], *, columns: int
+    problem: Problem, in_fit: Float[np.ndarray, " b"], scene: Int[np.ndarray, " b"], *, columns: int
 ) -> dict[str, Maps]:
     """The maps of each channel: ln I in nats, range in m, and share of rays lost minus expected; shared levels follow
-    from the `fitted` blocks. `scene` is that of each block, `columns` the grid's."""
+    from the `in_fit` blocks. `scene` is that of each block, `columns` the grid's."""
     ev, eq = problem.ev, problem.equations
     row, column = np.asarray(ev.rays.row), np.asarray(ev.rays.column)
     of_scene = np.broadcast_to(scene[:, None, None], row.shape)
     shape = (int(scene.max()) + 1, row.shape[-1], columns)
     # Cells of all scenes in one long vector: sums by cell are one pass over the rays.
     cell = np.ravel_multi_index((of_scene, row, column), shape).ravel()
-    blocks = np.asarray(fitted, np.float32)
+    blocks = np.asarray(in_fit, np.float32)
 
     def summed(values: np.ndarray) -> MapSums:
         flat = np.where(np.isfinite(values), values, 0).ravel()

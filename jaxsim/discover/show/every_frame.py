@@ -94,7 +94,7 @@ class JudgedBlock(NamedTuple):
     """The find scenes' blocks and those of further frames."""
 
     division: Division
-    fitted: Float[np.ndarray, " b"]
+    in_fit: Float[np.ndarray, " b"]
     """1 for the find scenes' blocks."""
     frame: tuple[str, ...]
     """Name of each block's frame; empty for the find scenes', and where it only fills up."""
@@ -127,9 +127,9 @@ def block_of(
     fresh = fresh.with_free_contrast() if old.simulator.free_contrast else fresh
     find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, is_find, strict=True) if keep)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
-    fitted = np.concatenate([np.ones(int(is_find.sum())), np.zeros(len(new.frame))]).astype(np.float32)
+    in_fit = np.concatenate([np.ones(int(is_find.sum())), np.zeros(len(new.frame))]).astype(np.float32)
     return JudgedBlock(
-        _joined(old, fresh, is_find), fitted, ("",) * int(is_find.sum()) + tuple(of_block), (*find_scenes, *new.scene)
+        _joined(old, fresh, is_find), in_fit, ("",) * int(is_find.sum()) + tuple(of_block), (*find_scenes, *new.scene)
     )
 
 
@@ -138,11 +138,11 @@ def add(sums: Sums, block: JudgedBlock, by: HeldAnswer) -> None:
     division = block.division
     scenes = tuple(dict.fromkeys(division.blocks.scene))
     ev, scene = division.evidence(scenes, by.null.known)
-    fitted = block.fitted
-    every = AllScenes(by.null, division, ev, scene, fitted)
+    in_fit = block.in_fit
+    every = AllScenes(by.null, division, ev, scene, in_fit)
     before = every.with_effects()
     after = every.with_effects(by.chain, by.noise)
-    sides = [block_distances(problem, fitted, before.equations) for problem in (before, after)]
+    sides = [block_distances(problem, in_fit, before.equations) for problem in (before, after)]
     gain = sides[1].log_likelihood - sides[0].log_likelihood
     # Frames that only fill up have no name, and count nowhere.
     told = np.array([bool(name) for name in block.frame])
@@ -153,7 +153,7 @@ def add(sums: Sums, block: JudgedBlock, by: HeldAnswer) -> None:
         sums.gain[scene] = sums.gain.get(scene, 0.0) + gain[k]
         sums.of_frame[name] = sums.of_frame.get(name, 0.0) + float(gain[k].sum())
         sums.frames_of.setdefault(scene, set()).add(name)
-    pairs = zip(map_sums(before, fitted, where=told).items(), map_sums(after, fitted, where=told).values(), strict=True)
+    pairs = zip(map_sums(before, in_fit, where=told).items(), map_sums(after, in_fit, where=told).values(), strict=True)
     for (channel, was), now in pairs:
         old = sums.maps.get(channel)
         sums.maps[channel] = (was, now) if old is None else (old[0] + was, old[1] + now)

@@ -43,14 +43,14 @@ def residual_curves(
     before: Problem,
     after: Problem,
     *,
-    fitted: Float[np.ndarray, " b"],
+    in_fit: Float[np.ndarray, " b"],
     scene: Int[np.ndarray, " b"],
     effects: Sequence[Law],
 ) -> tuple[CurveLine, ...]:
     """Mean residual along each named effect's own covariates, on the blocks that are not fitted; where an effect makes
     ranges scatter, also the residuals' spread over the one that each ray is expected to have, for their mean shows
     nothing of it. `scene` is that of each block."""
-    judged = np.asarray(fitted) == 0
+    judged = np.asarray(in_fit) == 0
     wanted = {
         (channel, covariate): None
         for effect in effects
@@ -58,8 +58,8 @@ def residual_curves(
         for covariate in effect.covariates
         if covariate in COVARIATES
     }
-    old = residuals(before, fitted)
-    new = residuals(after, fitted)
+    old = residuals(before, in_fit)
+    new = residuals(after, in_fit)
     rays = jax.tree.map(lambda leaf: np.asarray(leaf)[judged] if np.ndim(leaf) else leaf, before.ev.rays)
     # Of an effect that only makes ranges scatter no mean shows anything.
     scatters = bool((np.asarray(after.ev.rays.noise_m) > np.asarray(before.ev.rays.noise_m)).any())
@@ -130,19 +130,19 @@ class Bins:
         return shown(self.mean(before)), shown(self.mean(after)), half_width(scenes)
 
 
-def residual_maps(problem: Problem, *, fitted: Float[np.ndarray, " b"]) -> dict[str, Float[np.ndarray, "r c"]]:
+def residual_maps(problem: Problem, *, in_fit: Float[np.ndarray, " b"]) -> dict[str, Float[np.ndarray, "r c"]]:
     """Mean residual of the blocks that are not fitted, on the grid, by channel."""
-    return {name: sums.mean() for name, sums in map_sums(problem, fitted, where=np.asarray(fitted) == 0).items()}
+    return {name: sums.mean() for name, sums in map_sums(problem, in_fit, where=np.asarray(in_fit) == 0).items()}
 
 
 def map_sums(
-    problem: Problem, fitted: Float[np.ndarray, " b"], *, where: Bool[np.ndarray, " b"]
+    problem: Problem, in_fit: Float[np.ndarray, " b"], *, where: Bool[np.ndarray, " b"]
 ) -> dict[str, GridSums]:
     """Sums of the residuals of some blocks on the grid, by channel."""
     row = np.asarray(problem.ev.rays.row)
     column = np.asarray(problem.ev.rays.column)
     sums = {}
-    for name, (off, _, counts) in residuals(problem, fitted).items():
+    for name, (off, _, counts) in residuals(problem, in_fit).items():
         keep = counts & where[:, None, None]
         sums[name] = GridSums.of(off[keep], (row[keep], column[keep]), problem.scan.grid)
     return sums
@@ -244,12 +244,12 @@ def _in_blocks(column: Int[np.ndarray, " n"], each: int, *, most: float) -> Int[
 
 
 def rays_of(
-    before: Problem, after: Problem, *, fitted: Float[np.ndarray, " b"], chunk: Chunk, curves: Sequence[CurveLine]
+    before: Problem, after: Problem, *, in_fit: Float[np.ndarray, " b"], chunk: Chunk, curves: Sequence[CurveLine]
 ) -> Iterator[JudgeFrame]:
     """The rays of a chunk with the residuals of both problems, a JudgeFrame a block."""
-    judged = np.asarray(fitted) == 0
-    old = residuals(before, fitted)
-    new = residuals(after, fitted)
+    judged = np.asarray(in_fit) == 0
+    old = residuals(before, in_fit)
+    new = residuals(after, in_fit)
     rays = jax.tree.map(lambda leaf: np.asarray(leaf)[judged] if np.ndim(leaf) else leaf, before.ev.rays)
     groups = [
         np.where(old[curve.channel].counts[judged], curve.group_of(np.asarray(COVARIATES[curve.covariate](rays))), -1)
