@@ -61,9 +61,9 @@ class Additive:
         self.parts = [np.flatnonzero(scene % folds == k) for k in range(folds)]
         # Products in single precision are summed in double: the systems that are solved hold all folds but one.
         held_out = [x[part] for part in self.parts]
-        self.squares = [(one.T @ one).astype(np.float64) for one in held_out]
-        self.held_out = [one.astype(np.float64) for one in held_out]
-        self.products = [one.T @ z[part] for one, part in zip(self.held_out, self.parts, strict=True)]
+        self.squares = [(design.T @ design).astype(np.float64) for design in held_out]
+        self.held_out = [design.astype(np.float64) for design in held_out]
+        self.products = [design.T @ z[part] for design, part in zip(self.held_out, self.parts, strict=True)]
 
     def predicted(self, names: Sequence[str]) -> Float[np.ndarray, " n"]:
         """What a constant and the named curves say of each residual, fitted to the scenes of the other folds."""
@@ -139,19 +139,19 @@ def localise(
             dependences.append(Dependence(channel, rest[best], p, 2 * gain / squares, gain))
             taken.append(rest.pop(best))
             before = after[best]
-    return sorted(dependences, key=lambda one: -one.gain)
+    return sorted(dependences, key=lambda dependence: -dependence.gain)
 
 
 def reported(dependences: Iterable[Dependence]) -> list[Dependence]:
     """The dependences that a verdict lists, strongest first."""
     sure = [
-        one
-        for one in dependences
-        if one.p_value <= RULES.dependence_level
-        and one.gain >= RULES.dependence_nats
-        and (one.channel, one.covariate) not in FITTED
+        dependence
+        for dependence in dependences
+        if dependence.p_value <= RULES.dependence_level
+        and dependence.gain >= RULES.dependence_nats
+        and (dependence.channel, dependence.covariate) not in FITTED
     ]
-    return sorted(sure, key=lambda one: -one.gain)[: RULES.dependences_listed]
+    return sorted(sure, key=lambda dependence: -dependence.gain)[: RULES.dependences_listed]
 
 
 def _one_clock(rays: Any, counts: np.ndarray) -> bool:
@@ -263,5 +263,5 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
         partial(localise, rays, residuals, null.scene), partial(interactions, rays, residuals, null.scene)
     )
     listed = reported([*single, *crossed])
-    where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
+    where = tuple(Where(found.channel, spelled(found.covariate), found.p_value, found.share) for found in listed)
     return Dependences(null, single, where, tuple(reported(crossed)))

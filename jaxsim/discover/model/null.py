@@ -97,7 +97,7 @@ def standardised(
 ) -> tuple[Rays, dict[str, tuple[Float[np.ndarray, "b c r"], Bool[np.ndarray, "b c r"]]]]:
     """Rays on the host; each channel's standardised residuals and where they count."""
     host = jax.tree.map(np.asarray, problem.ev.rays)
-    return host, {name: (one.z, one.counts) for name, one in residuals(problem, in_fit).items()}
+    return host, {name: (residual.z, residual.counts) for name, residual in residuals(problem, in_fit).items()}
 
 
 def fit_null(
@@ -169,7 +169,7 @@ def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) ->
                 fit(effect, problem, problem.ev.all_blocks, starts=start, steps=ANSWER_STEPS, fixed=read)
                 for start in starts
             ]
-            result = min(fits, key=lambda one: one.loss)
+            result = min(fits, key=lambda result: result.loss)
             values[k] = result.z
             refits[k] = Refit(effect, problem, result)
     return tuple(refits[k] for k in range(len(effects)))

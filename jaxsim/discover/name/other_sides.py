@@ -110,16 +110,16 @@ class OtherSides:
             return False
         name = along.covariate
         known = values_along(fitted_to, name)
-        fits = [np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits]
+        fits = [np.asarray(to_values(curve.effect, of_fold.z)["height"]) for of_fold in curve.fits]
         height = fixed_basis(known, name) @ np.mean(fits, axis=0)
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
         order = np.argsort(known, kind="stable")
         column = np.interp(values_along(self.null.problem, name), known[order], height[order])
         problem = with_columns(self.null.problem, column[:, None].astype(np.float32))
         effect = CURVES[along.change]
-        one = np.zeros_like(fits[0])
-        one[0] = 1.0
-        return self.shows(effect, {"height": one}, curve, there=fitted_to, here=problem)
+        unit = np.zeros_like(fits[0])
+        unit[0] = 1.0
+        return self.shows(effect, {"height": unit}, curve, there=fitted_to, here=problem)
 
 
 def clearly_more(there: Float[np.ndarray, " s"], here: Float[np.ndarray, " t"]) -> bool:

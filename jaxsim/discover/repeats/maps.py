@@ -238,7 +238,7 @@ def _sums_of(label: Int[np.ndarray, "r c"]) -> Callable[[MapSums], Float[np.ndar
     """Sums over the cells of each label."""
     flat = label.ravel()
     count = int(flat.max()) + 1
-    return lambda total: np.stack([np.bincount(flat, one.ravel(), minlength=count) for one in total])
+    return lambda total: np.stack([np.bincount(flat, image.ravel(), minlength=count) for image in total])
 
 
 def _parity(along: str, number: Int[np.ndarray, "r c"], words: str) -> PatternScale:
@@ -273,7 +273,7 @@ def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int
             total = total.sum(2, keepdims=True)
         # Padded with zeros, so that the transform has parts of a period too.
         size = [PER_PERIOD * n if n > 1 else 1 for n in total.shape[1:]]
-        return np.stack([np.fft.fft2(one, size)[steps[:, 0], steps[:, 1]] for one in total])
+        return np.stack([np.fft.fft2(image, size)[steps[:, 0], steps[:, 1]] for image in total])
 
     def pattern(k: int, phase: complex) -> PatternMap:
         row, column = np.mgrid[:rows, :columns]

@@ -99,7 +99,7 @@ def judge_gains(every: AllScenes, chain: Chain, noise: Noise | None = None) -> F
     default as it is fitted to the find scenes)."""
     noise = refitted(in_place(every.null.problem, chain)).noise if noise is None else noise
     before, after = every.with_effects(), every.with_effects(chain, noise)
-    sides = [distance(one, every.in_fit, before.equations, scene=every.scene) for one in (before, after)]
+    sides = [distance(problem, every.in_fit, before.equations, scene=every.scene) for problem in (before, after)]
     return (sides[1].log_likelihood - sides[0].log_likelihood).mean(0)
 
 
@@ -119,7 +119,7 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     """The runner-up fitted as the answer is: to all find scenes, from the best of its folds' fits; and the noise that
     it leaves."""
     effect = rival.effect
-    starts = tuple(to_values(effect, one.z) for one in rival.fits)
+    starts = tuple(to_values(effect, of_fold.z) for of_fold in rival.fits)
     # As many steps as the answer's own fits have: a placebo that lagged behind would make it look better.
     fixed = effect.name in FINEST
     result = fit(effect, null, null.ev.all_blocks, starts=starts, steps=ANSWER_STEPS, fixed=fixed)
@@ -142,7 +142,7 @@ def judge_known(
     null = NullModel.of(Division.of(comparison))
     rows = null.problem.ev.rays.row.shape[-1]
     starts = [to_z(effect, dict(answer[effect.name]), rows) for effect in effects]
-    chain = [(one.effect, one.fit.z) for one in refit(null.problem, effects, starts)]
+    chain = [(fitted.effect, fitted.fit.z) for fitted in refit(null.problem, effects, starts)]
     shown = gap_with(null, chain, refitted(in_place(null.problem, chain)).noise)
     return shown.gap, shown.closure
 
@@ -172,7 +172,7 @@ def without_unconfirmed(verdict: Verdict) -> Verdict:
         verdict=answer,
         effects=confirmed_effects,
         unconfirmed=lost,
-        regimes=tuple(one for one in verdict.regimes if one.effect not in names),
+        regimes=tuple(regime for regime in verdict.regimes if regime.effect not in names),
         ranking=tuple(replace(rank, why_not=WHY_NOT) if rank.name in names else rank for rank in verdict.ranking),
         notes=(*verdict.notes, note),
     )
@@ -200,7 +200,7 @@ def sensor_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> Senso
     named = {name for name, _ in known.effects}
     added_names = {name for name, _ in added.effects}
     lost = {effect.name for effect in verdict.unconfirmed} - named
-    mounting = [(one.name, one.values) for one in verdict.effects if one.name not in added_names | named]
+    mounting = [(effect.name, effect.values) for effect in verdict.effects if effect.name not in added_names | named]
     # A mounting that was known stands in the frames, and not in what was added.
     stated = [pair for pair in known.effects if pair[0] not in added_names]
     effects = (*stated, *mounting, *(pair for pair in added.effects if pair[0] not in lost))

@@ -206,7 +206,7 @@ def additive_floor(problem: Problem, in_fit: Float[np.ndarray, " b"], covariates
 
     def curves(name: str, scale: np.ndarray) -> Float[np.ndarray, "b c r"]:
         off, _, counts = by_channel[name]
-        design = [curve_basis(values_of(one, rays, counts), one) for one in COVARIATES if one in covariates]
+        design = [curve_basis(values_of(name, rays, counts), name) for name in COVARIATES if name in covariates]
         x = np.concatenate([np.ones((int(counts.sum()), 1), np.float32), *design], axis=1)
         # Of find scenes alone: what it reaches on judge scenes is held out as the answer's is.
         learn = np.broadcast_to(train[:, None, None], counts.shape)[counts]

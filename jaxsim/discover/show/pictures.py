@@ -126,7 +126,7 @@ class Bins:
         shown: Callable[[np.ndarray], np.ndarray] = lambda mean: mean,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Means before and after, as they are `shown`, and the half width of the 90 % interval of the former."""
-        scenes = np.array([shown(self.mean(before, of=self.scene == one)) for one in np.unique(self.scene)])
+        scenes = np.array([shown(self.mean(before, of=self.scene == number)) for number in np.unique(self.scene)])
         return shown(self.mean(before)), shown(self.mean(after)), half_width(scenes)
 
 
@@ -222,7 +222,9 @@ def whole_frames(division: Division) -> Iterator[Chunk]:
 
 def _shown_frames(whole: Blocks, judge: Sequence[str]) -> set[int]:
     """The frames that are drawn, by number."""
-    of_scene = {one: [f for f, s in zip(whole.frame.tolist(), whole.scene, strict=True) if s == one] for one in judge}
+    of_scene = {
+        name: [f for f, s in zip(whole.frame.tolist(), whole.scene, strict=True) if s == name] for name in judge
+    }
     if all(frames == of_scene[judge[0]] for frames in of_scene.values()):
         # Sectors of one drive: every frame holds all of them.
         frames = of_scene[judge[0]]
@@ -281,7 +283,7 @@ def rays_of(
 
 def _off(by_channel: Mapping[str, Residuals], judged: Bool[np.ndarray, " b"]) -> dict[str, Float[np.ndarray, "k c r"]]:
     """Residuals of the judged blocks, NaN where nothing is compared."""
-    return {name: np.where(one.counts, one.off, np.nan)[judged].astype(np.float32) for name, one in by_channel.items()}
+    return {name: np.where(r.counts, r.off, np.nan)[judged].astype(np.float32) for name, r in by_channel.items()}
 
 
 def joined(parts: Sequence[JudgeFrame]) -> JudgeFrame:
@@ -289,7 +291,7 @@ def joined(parts: Sequence[JudgeFrame]) -> JudgeFrame:
 
     def together(each: Sequence[Any]) -> Any:
         if isinstance(each[0], dict):
-            return {name: together([one[name] for one in each]) for name in each[0]}
+            return {name: together([part[name] for part in each]) for name in each[0]}
         if isinstance(each[0], tuple):
             return tuple(map(together, zip(*each, strict=True)))
         return np.concatenate(each)
