@@ -159,7 +159,9 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
     reach = RULES.interval_widening * float(student_reach(len(np.unique(np.asarray(problem.ev.scene)))))
     of_z = restorer(result.z)(sd)
     values = to_values(effect, result.z)
-    again = to_values(effect, fit_to_implied(effect, problem, result).z) if follows_power(effect) else values
+    # It reads an echo's power and leaves the intensity as it is.
+    by_power = "intensity" not in effect.channels and "power" in effect.covariates
+    again = to_values(effect, fit_to_implied(effect, problem, result).z) if by_power else values
     between = sector_between(problem, values) if effect.name == "sector_occlusion" else {}
     parameters: dict[str, Interval | tuple[Interval, ...]] = {}
     for name, p in fitted_parameters(effect).items():
@@ -182,11 +184,6 @@ def interval_of(value: _Numbers, low: _Numbers, high: _Numbers, *, unit: str) ->
         return Interval(float(value), float(low), float(high), unit)
     ends = zip(np.asarray(value), np.asarray(low), np.asarray(high), strict=True)
     return tuple(Interval(float(v), float(a), float(b), unit) for v, a, b in ends)
-
-
-def follows_power(effect: Law) -> bool:
-    """Whether it reads an echo's power and leaves the intensity as it is."""
-    return "intensity" not in effect.channels and "power" in effect.covariates
 
 
 def fit_to_implied(effect: Law, problem: Problem, result: Fit) -> Fit:

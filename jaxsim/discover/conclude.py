@@ -127,9 +127,8 @@ def result_of(
     known = given.beside(control.mounting)
     sensor = sensor_of(verdict, added.sensor, known).without(control.mounting.without(given))
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
-    standing = [
-        (fitted.effect, fitted.fit.z) for fitted in added.refits if fitted.effect.plain_name in dict(sensor.effects)
-    ]
+    named_effects = dict(sensor.effects)
+    standing = [(fitted.effect, fitted.fit.z) for fitted in added.refits if fitted.effect.plain_name in named_effects]
     null = placed.found.null.problem
     levels = missing(shown.levels, made_by(null.ev, in_place(null, standing).ev))
     return Result(

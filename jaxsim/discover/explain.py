@@ -46,13 +46,11 @@ def named(
     alike = list(dict.fromkeys([*(candidate.effect.plain_name for candidate in step.alike), *more_alike]))
     # Look-alikes of one's own effect are those of these frames, which the candidates carry.
     every = {**EFFECTS, **{candidate.effect.plain_name: candidate.effect for candidate in (step.chosen, *step.alike)}}
-    remedies = effect.look_alikes
+    own = effect.look_alikes
     return Named(
         name=effect.plain_name,
         look_alikes=tuple(alike),
-        tell_apart={
-            name: remedies.get(name) or every[name].look_alikes.get(effect.plain_name) or remedy for name in alike
-        },
+        tell_apart={name: own.get(name) or every[name].look_alikes.get(effect.plain_name) or remedy for name in alike},
         channels=effect.channels,
         p_value=step.chosen.chance,
         # No scene decides alone.
@@ -65,15 +63,10 @@ def named(
 def ranking(choice: Selection[Any], why_not: Callable[[Any, Any], str], *, bar: float = 0.0) -> tuple[Rank, ...]:
     """The first step's best candidates and why (`why_not` of candidate and choice) each was not named; `bar` is what
     all scenes together must gain."""
+    listed = choice.first_ranking[: RULES.candidates_listed]
     return tuple(
-        Rank(
-            candidate.effect.name,
-            candidate.total / len(candidate.by_scene),
-            candidate.chance,
-            bar / len(candidate.by_scene),
-            why_not(candidate, choice),
-        )
-        for candidate in choice.first_ranking[: RULES.candidates_listed]
+        Rank(c.effect.name, c.total / len(c.by_scene), c.chance, bar / len(c.by_scene), why_not(c, choice))
+        for c in listed
     )
 
 
@@ -129,10 +122,8 @@ def nuisance_changes(null: Problem, choice: Choice, z: Sequence[dict[str, Any]])
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
     nuisances = [
-        np.asarray(shared_levels(problem.ev, problem.equations, problem.ev.all_blocks))[
-            : -problem.ev.after_kinds
-        ].tolist()
-        for problem in (null, choice.problem)
+        np.asarray(shared_levels(p.ev, p.equations, p.ev.all_blocks))[: -p.ev.after_kinds].tolist()
+        for p in (null, choice.problem)
     ]
     changes |= {name: (a, b) for name, a, b in zip(["gain", *null.ev.kinds], *nuisances, strict=True)}
     if len(choice.steps) > 1:

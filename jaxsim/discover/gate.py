@@ -199,7 +199,10 @@ def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
         for effect in new
     ]
     # An effect stands on the others that are named: if one of them is certain, so is that something is missing.
-    certain = any(_certain(effect, gate.effect_nats) for effect in new)
+    certain = any(
+        effect.gain.value >= gate.effect_nats if _in_nats(effect) else effect.p_value <= RULES.unpaired_level
+        for effect in new
+    )
     # What had no name before is nothing new, either.
     was_so = any(gate.baseline.get(key) for key in LEFT) or gate.baseline.get("verdict") == NOT_NAMED
     remains = verdict.verdict == NOT_NAMED or any(getattr(verdict, key) for key in LEFT)
@@ -227,11 +230,6 @@ def _in_nats(effect: Named) -> bool:
     return effect.gain.unit.startswith("nats")
 
 
-def _certain(effect: Named, nats: float) -> bool:
-    """Whether chance has not named it."""
-    return effect.gain.value >= nats if _in_nats(effect) else effect.p_value <= RULES.unpaired_level
-
-
 def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:
     """The checks of --fast: a channel is a gap where its whole interval lies above its threshold.
 
@@ -243,9 +241,8 @@ def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Chec
     checks = []
     for channel, most in gate.thresholds.items():
         distance = distances[channel]
-        words = (
-            f"{distance.value:.4g} ({distance.low:.4g} .. {distance.high:.4g}) {distance.unit}, at most {most:g} may be"
-        )
+        between = f"({distance.low:.4g} .. {distance.high:.4g})"
+        words = f"{distance.value:.4g} {between} {distance.unit}, at most {most:g} may be"
         if not np.isfinite(distance.value):
             checks.append(Check(channel, "unsure", "no ray shows it"))
         elif distance.value <= most:

@@ -61,7 +61,9 @@ def described(effect: OwnEffect, rays: Rays, scan: Scan) -> OwnEffect:
 def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]:
     """The catalogue's effects of its channels that reproduce most of what `effect` does at a visible size, nearest
     first."""
-    rays = thin_rays(rays)
+    # Every so many blocks and columns, so that MOST_RAYS are left or fewer.
+    step = int(np.ceil(np.sqrt(rays.row.size / MOST_RAYS)))
+    rays = jax.tree.map(lambda leaf: leaf[::step, ::step] if leaf.ndim >= 3 else leaf, rays)
     # At a visible size: near neutral any two effects are as good as linear, and more of them look alike.
     change = np.asarray(_change(effect, visible(effect, scan.range_m.shape[1]), rays, scan=scan))
     size = float(np.square(change).sum())
@@ -76,12 +78,6 @@ def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]
         if share >= RULES.alike_share:
             alike.append(LookAlike(other.name, share, _apart(remainder, rays, share=share)))
     return tuple(sorted(alike, key=lambda like: -like.share))
-
-
-def thin_rays(rays: Rays) -> Rays:
-    """Every so many blocks and columns of rays (blocks, columns, rows), so that MOST_RAYS are left or fewer."""
-    step = int(np.ceil(np.sqrt(rays.row.size / MOST_RAYS)))
-    return jax.tree.map(lambda leaf: leaf[::step, ::step] if leaf.ndim >= 3 else leaf, rays)
 
 
 def visible(effect: Effect, rows: int) -> dict[str, Any]:

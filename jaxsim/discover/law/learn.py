@@ -113,9 +113,7 @@ def curve_form(
         better = p_value(clipped(candidate.by_scene - curve.by_scene)) <= RULES.alike_level
         if agreed(candidate, bar) and candidate.total > least and better:
             size = len(bare.values)
-            heights = [
-                np.asarray(to_values(candidate.effect, of_fold.z)["height"])[:size] for of_fold in candidate.fits
-            ]
+            heights = [np.asarray(to_values(candidate.effect, fit.z)["height"])[:size] for fit in candidate.fits]
             form, least = Form(bare, np.eye(size, dtype=np.float32), np.mean(heights, axis=0)), candidate.total
     return form
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Fit, Problem, fit, fit_noise, in_place
@@ -200,28 +200,14 @@ def implied_level(ev: Evidence, eq: NormalEquations) -> Float[np.ndarray, "b c r
     level = np.full(hit.shape, explained[compared].mean() if compared.any() else 0.0)
     # From coarse to fine: each group is off what the coarser ones say.
     for group in (np.asarray(ev.rays.semantic), np.asarray(ev.surface)[np.asarray(ev.strip)]):
-        level = level + _group_offset(
-            np.where(compared, explained, 0), np.where(compared, level, 0), compared, group=group
-        )
+        _, of = np.unique(group, return_inverse=True)
+        of = of.reshape(-1)
+        count = np.bincount(of, compared.reshape(-1))
+        total = np.bincount(of, np.where(compared, explained, 0).reshape(-1))
+        # Shrinkage: the mean of a group's own rays, as if FEW more had read what is known already.
+        expected = np.bincount(of, np.where(compared, level, 0).reshape(-1)) / np.maximum(count, 1)
+        level = level + ((total - count * expected) / (count + FEW))[of].reshape(group.shape)
     return np.where(hit, level, 0)
-
-
-def _group_offset(
-    value: Float[np.ndarray, "b c r"],
-    already: Float[np.ndarray, "b c r"],
-    counted: Bool[np.ndarray, "b c r"],
-    *,
-    group: Int[np.ndarray, "b c r"],
-) -> Float[np.ndarray, "b c r"]:
-    """How far each group's mean value is off what is known of it already; FEW rays' worth of the latter holds a
-    group of few rays there."""
-    _, of = np.unique(group, return_inverse=True)
-    of = of.reshape(-1)
-    total = np.bincount(of, value.reshape(-1))
-    count = np.bincount(of, counted.reshape(-1))
-    # Shrinkage: the mean of a group's own rays, as if FEW more had read what is known already.
-    expected = np.bincount(of, already.reshape(-1)) / np.maximum(count, 1)
-    return ((total - count * expected) / (count + FEW))[of].reshape(group.shape)
 
 
 def with_power_spread(ev: Evidence, noise: Noise, level: Float[np.ndarray, "b c r"] | None = None) -> Evidence:

@@ -101,7 +101,10 @@ def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
 
 def _with_readings(ev: Evidence, rays: Rays, key: Array, *, zeros: bool) -> Evidence:
     """The evidence with one draw of what these rays may say; `zeros`: light below the lowest reading reads 0."""
-    image = sample(key, _as_images(rays))
+    # Blocks of columns (b, c, r) as images (b, r, c), which `sample` draws.
+    leaves = {f.name: getattr(rays, f.name) for f in fields(Rays)}
+    turned = {n: jnp.swapaxes(x, 1, 2) if getattr(x, "ndim", 0) >= 3 else x for n, x in leaves.items()}
+    image = sample(key, Rays(**turned))
     drawn_m = jnp.swapaxes(image.range_m, -1, -2)
     drawn = jnp.swapaxes(image.intensity, -1, -2)
     returned = jnp.swapaxes(image.valid, -1, -2)
@@ -199,9 +202,3 @@ def _correlated(rng: np.random.Generator, covariance: Float[np.ndarray, "b k k"]
 
 def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     return rng.standard_normal(shape, np.float32)
-
-
-def _as_images(rays: Rays) -> Rays:
-    """Rays of blocks of columns (b, c, r) as images (b, r, c), which `sample` draws."""
-    by_field = {f.name: getattr(rays, f.name) for f in fields(Rays)}
-    return Rays(**{n: jnp.swapaxes(x, 1, 2) if getattr(x, "ndim", 0) >= 3 else x for n, x in by_field.items()})

@@ -220,9 +220,8 @@ def strongest(looked: Mapping[str, ChannelScales]) -> tuple[str, PatternScale, i
     for channel, look in looked.items():
         for scale, agreement in zip(look.scales, look.agreement, strict=True):
             p = np.array([np.mean(by_chance >= strength - 1e-9) for strength in agreement.strength.tolist()])
-            gain = np.where(
-                p <= RULES.repeats_level, agreement.gain * (1 if scale.pattern else RULES.repeats_one_pattern), 0
-            )
+            part = 1 if scale.pattern else RULES.repeats_one_pattern
+            gain = np.where(p <= RULES.repeats_level, agreement.gain * part, 0)
             k = int(gain.argmax())
             if gain[k] > most:
                 best, most = (channel, scale, k, float(p[k])), float(gain[k])

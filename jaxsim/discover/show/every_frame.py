@@ -213,7 +213,7 @@ def _joined(old: Division, fresh: Division, chosen: Bool[np.ndarray, " b"]) -> D
         old.blocks.sectors,
     )
     rays = jax.tree.map(
-        lambda kept, other: np.concatenate([kept, other]) if np.ndim(kept) else kept, old.rays.part(chosen), fresh.rays
+        lambda kept, new: np.concatenate([kept, new]) if np.ndim(kept) else kept, old.rays.part(chosen), fresh.rays
     )
     frame = np.broadcast_to(blocks_of_both.frame[:, None, None], rays.rays.row.shape).astype(np.int32)
     scan = _scans(old.scan, fresh.scan, staying)
