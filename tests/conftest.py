@@ -60,13 +60,19 @@ from tests.data.fixtures import (  # noqa: F401  (trees of data sets, for all fo
     virtual,
     virtual_root,
 )
+from tests.quick import quickly_compiled
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 MOST_MAPPINGS = 12_000
-MOST_BYTES = 3 * 2**29
-"""Of the memory that a process holds at a module's end; a convention, for one that compiles much adds as much again."""
+MOST_BYTES = 5 * 2**28
+"""Of the memory that a process holds at a module's end: what most modules add leaves it below two gibibytes."""
+NEEDY = (
+    *("train/test_depth.py", "prepare/denoise/lidia/test_denoiser.py", "cli/test_grain.py"),
+    *("discover/name/test_other_sides.py", "discover/test_contrast.py"),
+)
+"""Files that take up to a gibibyte more themselves: what was there before is let go before them."""
 DEAREST = (
     *("train/test_intensity.py", "benchmarks/test_blind.py", "discover/name/test_other_sides.py"),
     *("discover/test_workflow.py", "train/test_depth.py", "cli/test_endings.py", "test_devices.py"),
@@ -106,20 +112,27 @@ def golden(samples: Path) -> Path:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def few_programs():
+def few_programs(request: pytest.FixtureRequest):
     """Lets compiled programs go before there are too many.
 
     Each takes about eighteen mappings of memory. Linux gives a process 65530 (vm.max_map_count), and one that asks for
-    more while it compiles ends with a segmentation fault. They hold memory, too, and what the compiler has freed stays
-    with the process until it is given back.
+    more while it compiles ends with a segmentation fault. They hold memory, too, a small one a megabyte and a half, and
+    what the compiler has freed stays with the process until it is given back.
     """
+    if request.path.relative_to(Path(__file__).parent).as_posix() in NEEDY:
+        let_go(above=MOST_BYTES // 2)
     yield
+    let_go(above=MOST_BYTES)
+
+
+def let_go(*, above: int) -> None:
+    """Compiled programs, where the process holds more bytes than this, or too many mappings."""
     if not STATE.exists():
         return
     give_back()
     mappings = (STATE / "maps").read_bytes().count(b"\n")
     held = int((STATE / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    if mappings > MOST_MAPPINGS or held > MOST_BYTES:
+    if mappings > MOST_MAPPINGS or held > above:
         jax.clear_caches()
         give_back()
 
@@ -129,6 +142,13 @@ def give_back() -> None:
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
+
+
+@pytest.fixture(scope="module")
+def quick_programs():
+    """Compiles what a module's tests need as quickly as can be, where that takes most of their time."""
+    with quickly_compiled():
+        yield
 
 
 @pytest.fixture(scope="module")

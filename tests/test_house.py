@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import DEAREST
+from tests.conftest import DEAREST, NEEDY
 
 ROOT = Path(__file__).parents[1]
 ROOM = ROOT / "jaxsim"
@@ -92,7 +92,7 @@ def test_nothing_is_imported_from_tests(folder):
 
 
 def test_files_that_begin_first_are_there():
-    assert [name for name in DEAREST if not (ROOT / "tests" / name).is_file()] == []
+    assert [name for name in (*DEAREST, *NEEDY) if not (ROOT / "tests" / name).is_file()] == []
 
 
 def test_no_exemption_is_left_over():

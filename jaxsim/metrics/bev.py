@@ -39,6 +39,9 @@ LANCZOS = 32
 """Directions in which the spectral norm of a 100 x 100 matrix is looked for ..."""
 UNSURE = 1e-5
 """... and the share of it that it may be off by; beyond, all singular values are computed."""
+FEW = 100
+"""Matrices at once below which all singular values are computed, too: compiling what looks for the largest takes longer
+than it saves, of sets of fewer histograms than these."""
 
 
 @jax.jit
@@ -144,7 +147,7 @@ def _scaled(histograms: Float[np.ndarray, "n r c"]) -> Float[np.ndarray, "n r c"
 @jax.jit
 def _spectral_squares(difference: Float[Array, "n r c"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Largest eigenvalue of D' D of each D, which is its spectral norm squared, by Lanczos' method with every direction
-    kept orthogonal to those before; and how far off it may be. A third of the time of all eigenvalues."""
+    kept orthogonal to those before; and how far off it may be. Half the time of all singular values."""
     count, _, columns = difference.shape
     # Always the same start: equal histograms score alike.
     start = jax.random.normal(jax.random.key(0), (columns,))
@@ -169,6 +172,8 @@ def _spectral_squares(difference: Float[Array, "n r c"]) -> tuple[Float[Array, "
 def _norms_squared(difference: Float[np.ndarray, "n r c"]) -> Float[np.ndarray, " n"]:
     # Scaled by 100, squares of tiny shares stay far from float32's smallest numbers.
     scaled = (100 * difference).astype(np.float32)
+    if len(scaled) < FEW:
+        return np.linalg.norm(scaled, 2, axis=(1, 2)).astype(np.float64) ** 2 / 1e4
     largest, doubt = _spectral_squares(scaled)
     squares = np.array(largest, np.float64)
     off = np.array(doubt, np.float64)

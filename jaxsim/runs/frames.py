@@ -108,13 +108,16 @@ def positions_of(names: Sequence[str] | None, dataset: Any, *, text: str, part: 
     """
     if names is None:
         return select(text, dataset)
-    holds = getattr(dataset, "holds", lambda position: True)
-    places = {dataset.name_of(i): i for i in range(len(dataset)) if holds(i)}
     try:
-        other = change(names, [dataset.name_of(i) for i in select(text, dataset)])
+        chosen = {dataset.name_of(i): i for i in select(text, dataset)}
+        other = change(names, list(chosen))
     except ValueError as error:  # fewer are there, or a part is gone
-        other = str(error)
+        chosen, other = {}, str(error)
+    places = chosen
     if other:
+        # Only now, for the embedded world has a million names.
+        holds = getattr(dataset, "holds", lambda position: True)
+        places = {dataset.name_of(i): i for i in range(len(dataset)) if holds(i)}
         here = sum(name in places for name in names)
         if not here:
             raise ValueError(

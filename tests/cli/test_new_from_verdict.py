@@ -20,7 +20,7 @@ from jaxsim.effects.own import known_effects
 from tests.discover.toy import device, toy
 from tests.effects.own import forgetful  # noqa: F401  (a fixture)
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("forgetful")]
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("forgetful", "quick_programs")]
 SLOPE = 0.05
 """Nats for each m/s, hidden in the toy."""
 

@@ -152,6 +152,17 @@ def test_beam_that_is_not_installed_says_how_to_install_it(raw_root, tmp_path, m
     assert "pip install 'jaxsim-lidar[beam]'" in str(stop.value)
 
 
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory) -> Path:
+    """A folder of networks that do not fit: for colour images, cut off, and one that fits for sizes that divide."""
+    folder = tmp_path_factory.mktemp("weights")
+    np.savez(folder / "state.npz", **random_state(published_shapes(Variant(colour=True)), seed=0))
+    main(["convert", "lidia", str(folder / "state.npz"), "--out", str(folder / "colour.npz")])
+    (folder / "cut.npz").write_bytes((folder / "colour.npz").read_bytes()[:5000])
+    save_penet(folder / "penet.npz", create(2, 0))
+    return folder
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("flags", "said"),
@@ -173,12 +184,8 @@ def test_beam_that_is_not_installed_says_how_to_install_it(raw_root, tmp_path, m
         ),
     ],
 )
-def test_what_is_wrong_with_weights_is_said_before_a_folder_is_begun(tmp_path, flags, said):
-    np.savez(tmp_path / "state.npz", **random_state(published_shapes(Variant(colour=True)), seed=0))
-    main(["convert", "lidia", str(tmp_path / "state.npz"), "--out", str(tmp_path / "colour.npz")])
-    (tmp_path / "cut.npz").write_bytes((tmp_path / "colour.npz").read_bytes()[:5000])
-    save_penet(tmp_path / "penet.npz", create(2, 0))
-    flags = [str(tmp_path / flag) if flag.endswith(".npz") else flag for flag in flags]
+def test_what_is_wrong_with_weights_is_said_before_a_folder_is_begun(tmp_path, weights, flags, said):
+    flags = [str(weights / flag) if flag.endswith(".npz") else flag for flag in flags]
     crop = ["--prepare.image-crop", "64", "100", "--workers", "1"]
     with pytest.raises(SystemExit, match=said):
         main(["prepare", "synthetic", "--train", "0-1", "--out", str(tmp_path / "out"), *crop, *flags])

@@ -40,14 +40,6 @@ def camera_000001(samples):
 
 
 @pytest.fixture(scope="module")
-def quick_compile():
-    """Compiles without optimisation, for programs that run but a few times."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
-
-
-@pytest.fixture(scope="module")
 def kitti(samples):
     return KittiObject(samples / "kitti_object")
 

@@ -19,7 +19,7 @@ from jaxsim.detect.steps import Network, join, split
 from tests.detect.made_dense_blocks import block, connected, convolved, drawn, enlarged, normed, used
 from tests.detect.tiny import EXPERIMENT
 
-pytestmark = pytest.mark.usefixtures("quick_compile", "float64")
+pytestmark = pytest.mark.usefixtures("quick_programs", "float64")
 ROWS = np.random.default_rng(5).normal(1, 2, (2, 7, 3))
 VALID = np.random.default_rng(6).random((2, 7)) < 0.6
 SCALE, SHIFT = np.array([0.5, 1.5, -2.0]), np.array([0.1, -0.3, 0.7])

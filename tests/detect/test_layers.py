@@ -10,7 +10,7 @@ from jaxsim.detect.layers import ConvBlock, FullyConnected, Linear, UpBlock
 from jaxsim.detect.steps import join, split
 from tests.detect.made_dense_blocks import block, connected, convolved, drawn, enlarged, used
 
-pytestmark = pytest.mark.usefixtures("quick_compile", "float64")
+pytestmark = pytest.mark.usefixtures("quick_programs", "float64")
 
 
 @pytest.mark.parametrize(("stride", "size"), [(1, (5, 6)), (2, (5, 6)), (2, (6, 7))])

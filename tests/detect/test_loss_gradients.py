@@ -10,7 +10,7 @@ from jaxsim.detect.anchors import AnchorTargets
 from jaxsim.detect.losses import corner_loss, roi_losses, rpn_losses
 from jaxsim.detect.roi_head import targets_of
 
-pytestmark = pytest.mark.usefixtures("quick_compile")
+pytestmark = pytest.mark.usefixtures("quick_programs")
 
 CONFIG = DetectorConfig()
 STEP = 1e-6

@@ -1,4 +1,5 @@
 import hashlib
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +12,10 @@ from jaxsim.detect.anchors import anchor_boxes, anchor_targets, decode_with_dire
 from jaxsim.detect.roi_head import assign_rois, best_objects, sample_rois, seen_from_roi, targets_of
 from jaxsim.geometry.boxes import box_corners
 
-pytestmark = pytest.mark.usefixtures("quick_compile")
+pytestmark = pytest.mark.usefixtures("quick_programs")
 
 CONFIG = DetectorConfig()
+TARGETS = jax.jit(partial(targets_of, config=RoiConfig()))
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,7 @@ def test_smooth_l1_is_the_published_one_and_ignores_a_nan_target(heads):
     loss = losses.smooth_l1(heads["sl1_pred"], heads["sl1_target"]) * heads["sl1_weights"][..., None]
     np.testing.assert_allclose(loss, heads["sl1_out"], rtol=1e-5, atol=1e-6)
     assert np.isnan(heads["sl1_target"]).sum() == 1
-    gradient = jax.grad(lambda p: losses.smooth_l1(p, heads["sl1_target"]).sum())(heads["sl1_pred"])
+    gradient = jax.jit(jax.grad(lambda p: losses.smooth_l1(p, heads["sl1_target"]).sum()))(heads["sl1_pred"])
     assert np.isfinite(gradient).all()
 
 
@@ -47,7 +49,7 @@ def test_corner_loss_is_the_published_one(heads):
 
 
 def test_corner_loss_of_a_box_with_itself_has_a_finite_gradient(heads):
-    gradient = jax.grad(lambda b: losses.corner_loss(b, heads["corner_gt"]).sum())(heads["corner_gt"])
+    gradient = jax.jit(jax.grad(lambda b: losses.corner_loss(b, heads["corner_gt"]).sum()))(heads["corner_gt"])
     assert np.isfinite(gradient).all()
 
 
@@ -86,7 +88,7 @@ def test_each_proposal_finds_its_published_object(heads):
 
 def test_targets_of_the_published_draw_are_the_published_ones(heads):
     rois, gt, overlap = (heads[f"ptl_out_{name}"] for name in ("rois", "gt_of_rois_src", "gt_iou_of_rois"))
-    targets = targets_of(rois, gt[..., :7], overlap, config=RoiConfig())
+    targets = TARGETS(rois, gt[..., :7], overlap)
     np.testing.assert_allclose(targets.canonical, heads["ptl_out_gt_of_rois"][..., :7], atol=2e-5)
     np.testing.assert_allclose(targets.score, heads["ptl_out_rcnn_cls_labels"], atol=1e-6)
     np.testing.assert_array_equal(targets.foreground, heads["ptl_out_reg_valid_mask"] > 0)
@@ -94,9 +96,9 @@ def test_targets_of_the_published_draw_are_the_published_ones(heads):
 
 def test_second_stage_loss_is_the_published_one(heads, values):
     rois, gt, overlap = (heads[f"ptl_out_{name}"] for name in ("rois", "gt_of_rois_src", "gt_iou_of_rois"))
-    targets = targets_of(rois, gt[..., :7], overlap, config=RoiConfig())
+    targets = TARGETS(rois, gt[..., :7], overlap)
     cls, box = heads["roi_cls_logits"].reshape(1, -1), heads["roi_reg_preds"][None]
-    terms, expected = losses.roi_losses(cls, box, targets, config=CONFIG), values["heads"]["roi_loss"]
+    terms, expected = jax.jit(partial(losses.roi_losses, config=CONFIG))(cls, box, targets), values["heads"]["roi_loss"]
     np.testing.assert_allclose(terms["roi_cls"], expected["rcnn_loss_cls"], rtol=1e-4)
     np.testing.assert_allclose(terms["roi_reg"], expected["rcnn_loss_reg"], rtol=1e-4)
     np.testing.assert_allclose(terms["roi_corner"], expected["rcnn_loss_corner"], rtol=1e-4)
@@ -104,13 +106,13 @@ def test_second_stage_loss_is_the_published_one(heads, values):
 
 
 def test_second_stage_loss_without_foreground_has_a_finite_gradient(heads):
-    nothing = jnp.zeros((1, 128, 7))
-    targets = targets_of(nothing, nothing, jnp.zeros((1, 128)), config=RoiConfig())
+    nothing = np.zeros((1, 128, 7), np.float32)
+    targets = TARGETS(nothing, nothing, np.zeros((1, 128), np.float32))
 
     def total(cls, box):
         return sum(losses.roi_losses(cls, box, targets, config=CONFIG).values())
 
-    gradients = jax.grad(total, (0, 1))(jnp.zeros((1, 128)), heads["roi_reg_preds"][None])
+    gradients = jax.jit(jax.grad(total, (0, 1)))(np.zeros((1, 128), np.float32), heads["roi_reg_preds"][None])
     assert all(np.isfinite(g).all() for g in gradients)
     assert (gradients[1] == 0).all()
 
@@ -142,8 +144,9 @@ def test_proposals_are_drawn_in_the_published_numbers(kinds, drawn):
 
 
 def test_a_scene_without_objects_gives_background_alone(heads):
-    gt = jnp.zeros((1, 4, 7))
-    targets = assign_rois(heads["ptl_rois"], gt, jnp.zeros((1, 4), bool), key=jax.random.key(0), config=RoiConfig())
+    gt = np.zeros((1, 4, 7), np.float32)
+    assign = jax.jit(partial(assign_rois, config=RoiConfig()))
+    targets = assign(heads["ptl_rois"], gt, np.zeros((1, 4), bool), key=jax.random.key(0))
     assert not targets.foreground.any()
     assert (targets.score == 0).all()
 

@@ -38,7 +38,7 @@ SHARES = (0.0, 0.02, 0.3, 1.0)
 CHANNELS = ((4, 16), (5, 7), (1, 1), (16, 32), (33, 20), (64, 64), (3, 135))
 
 
-pytestmark = pytest.mark.usefixtures("quick_compile")
+pytestmark = pytest.mark.usefixtures("quick_programs")
 
 
 @pytest.fixture(autouse=True)

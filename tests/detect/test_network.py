@@ -13,7 +13,7 @@ from jaxsim.detect.network import VoxelRcnn, bev_channels
 from jaxsim.detect.steps import create_state, make_detect, make_train_step, network_shapes
 from tests.detect.tiny import EXPERIMENT, scene_batch
 
-pytestmark = pytest.mark.usefixtures("quick_compile")
+pytestmark = pytest.mark.usefixtures("quick_programs")
 
 
 def count(tree):

@@ -21,7 +21,7 @@ from jaxsim.detect.sparse import (
     submanifold_tables,
 )
 
-pytestmark = pytest.mark.usefixtures("quick_compile")
+pytestmark = pytest.mark.usefixtures("quick_programs")
 
 LAYERS = {
     "sparse_k3_s1_p1": ConvWindow(CUBE, (1, 1, 1), (1, 1, 1)),

@@ -95,7 +95,7 @@ def test_eight_scenes_are_learned_by_heart():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick_compile")
+@pytest.mark.usefixtures("quick_programs")
 def test_two_devices_learn_what_one_does():
     state = jax.tree.map(np.asarray, create_state(EXPERIMENT, 50, seed=0))
     batch, mesh = scene_batch([0, 1]), devices.data_mesh(2)

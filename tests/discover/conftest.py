@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -15,8 +16,22 @@ from jaxsim.discover.regimes.find import Divided, find_regimes
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 from tests.discover.toy import FAR_M, device, toy
+from tests.quick import quickly_compiled
 
 STREETS = 12
+LARGE = (
+    *("model/test_smooth.py", "name/test_other_sides.py", "read/test_checks.py", "read/test_control.py"),
+    *("regimes/test_find.py", "repeats/test_examine.py", "test_add.py", "test_contrast.py", "test_division.py"),
+    *("test_levels.py", "test_one_drive.py", "test_read.py", "test_workflow.py", "unpaired/test_workflow.py"),
+)
+"""Files whose drives are large, or fitted often: LLVM's work on what casts and fits them is worth its time there."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def programs(request: pytest.FixtureRequest):
+    """Compiles what fits toys quickly."""
+    if request.path.relative_to(Path(__file__).parent).as_posix() not in LARGE:
+        request.getfixturevalue("quick_programs")
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +61,7 @@ def stages() -> Stages:
     catalogue = [get_effect(name) for name in ("range_offset", "incidence_cosine")]
     known = SensorModel((("random_dropout", {"probability": 0.01}),))
     # For the session, which `standard_promotion` is not for.
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+    with quickly_compiled(), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         placed = place(Comparison(scan, measured, names, names), catalogue, known, log=lambda line: None)
         asked = ask(placed, nulls=0, log=lambda line: None)
         divided = find_regimes(placed.found.null, asked.answer, without=asked.without, log=lambda line: None)

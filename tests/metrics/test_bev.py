@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import jensenshannon
 
+from jaxsim.metrics import bev
 from jaxsim.metrics.bev import COUNTS, SQUARED_DISTANCES, cell_counts, jensen_shannon, mmd, spherical_image
 from tests.metrics.made_generation import clouds
+from tests.quick import quick_jit
 
 
 def histograms(name: str, sets: np.ndarray) -> np.ndarray:
@@ -27,7 +29,6 @@ def test_histograms_equal_the_published_ones(published):
     assert (~agree).sum() <= 4
 
 
-@pytest.mark.long
 def test_jsd_and_mmd_equal_the_published_values(published):
     arrays, values = published
     for name, tolerance in (("lidargen", 2e-4), ("r2dm", 1e-5)):
@@ -57,7 +58,6 @@ def test_jsd_equals_scipy_s():
         jensen_shannon(p, 0 * q)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("definition", "order"), [("lidargen", 2), ("r2dm", "fro")])
 def test_mmd_equals_the_kernel_written_out(definition, order):
     a, b = (histograms("r2dm", clouds(seed, n, 900)).astype(np.float64) for seed, n in ((3, 4), (4, 3)))
@@ -72,9 +72,12 @@ def test_mmd_equals_the_kernel_written_out(definition, order):
         mmd(a, b, definition="ultralidar")
 
 
-@pytest.mark.long
-def test_spectral_distances_are_those_of_all_singular_values():
-    """Also where two directions are as long as each other, where none is, and within one set."""
+@pytest.mark.parametrize("few", [0, bev.FEW])
+def test_spectral_distances_are_those_of_all_singular_values(few, monkeypatch):
+    """Also where two directions are as long as each other, where none is, and within one set; of many by Lanczos'
+    method."""
+    monkeypatch.setattr(bev, "FEW", few)
+    monkeypatch.setattr(bev, "_spectral_squares", quick_jit(bev._spectral_squares.__wrapped__))
     rng = np.random.default_rng(5)
     a, b = rng.random((5, 100, 100)) ** 8, rng.random((4, 100, 100)) ** 8
     a[1], a[2] = b[0] + np.eye(100) / 50, b[0]

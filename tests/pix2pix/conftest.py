@@ -8,7 +8,6 @@ import pytest
 from flax import nnx
 
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
-from jaxsim.pix2pix import convolution
 from jaxsim.pix2pix.losses import load_vgg
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import from_published
@@ -18,12 +17,9 @@ from tests.pix2pix.rule import draw_vgg
 IN_CHANNELS, OUT_CHANNELS = 8, 3
 
 
-@pytest.fixture(scope="session", autouse=True)
-def quickly_compiled_steps():
-    """Steps run a few times on small arrays here, and LLVM works on them far longer than they run."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(convolution.COMPILER_OPTIONS, "xla_backend_optimization_level", 0)
-        yield
+@pytest.fixture(scope="module", autouse=True)
+def programs(quick_programs):
+    """Networks and steps run a few times on small arrays here, and LLVM works on them far longer than they run."""
 
 
 def reader(golden: Path, name: str):

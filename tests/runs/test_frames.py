@@ -131,6 +131,19 @@ def test_only_positions_that_a_set_holds_are_asked_for_their_names():
     assert positions_of(FRAMES.train, Prepared("a", "b"), text="b", part="training") == [2, 3]
 
 
+def test_all_names_of_a_set_are_looked_up_only_where_the_text_names_others():
+    """The embedded world has a million."""
+    asked = []
+
+    class Noted(Drives):
+        def name_of(self, index: int) -> str:
+            asked.append(index)
+            return super().name_of(index)
+
+    assert positions_of(FRAMES.train, Noted("a", "b", "c"), text="b", part="training") == [2, 3]
+    assert asked == [2, 3]
+
+
 def test_a_run_is_judged_by_its_own_validation_frames_or_by_those_that_are_named():
     assert judges_of(FRAMES, GROWN, frames="", validation="2-3") == [4, 5]
     assert judges_of(FRAMES, GROWN, frames="0", validation="2-3") == [0]

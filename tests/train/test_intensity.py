@@ -1,8 +1,7 @@
-"""The main job as a user runs it: train, kill, resume, score, simulate; and the README's own lines."""
+"""The main job as a user runs it: train, kill, resume, score, simulate."""
 
 import json
 import os
-import re
 import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -208,13 +207,6 @@ def test_simulate_puts_a_sensor_model_s_effects_into_the_frames(work, told, simu
         np.testing.assert_allclose(real.range_m[real.valid], 1.01 * ideal.range_m[real.valid], rtol=1e-5)
     for wrong in (("--out", "real"), ("--sensor", "sensor.json", "--seed", "4", "--out", "real")):
         assert "give another --out" in told(*SIMULATE, "--frames", "4-6", *common, *wrong, fails=True)
-
-
-def test_the_readmes_first_lines_make_a_point_cloud(work):
-    block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    assert block
-    code = block[1] + "\nimport numpy as np; print('points', int(np.asarray(cloud.valid).sum()))"
-    assert int(said(work, "-c", code, **SHARED).split()[-1]) > 0
 
 
 @pytest.mark.parametrize("part", ["rows", "columns"])

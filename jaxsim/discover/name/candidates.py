@@ -42,6 +42,8 @@ class Candidate:
     over_smooth: Float[np.ndarray, " s"] | None = None
     """Of an effect with a number for each beam: gain by scene over the same effect with these numbers made smooth along
     the rows. What is smooth may be what the rows see, not what the beams do."""
+    over_smooth_slope: Float[np.ndarray, " s"] | None = None
+    """The same of the first part of the way, as `slope` is of the gain."""
     inside: float = 0.0
     """Log-likelihood over the null on the very scenes that were fitted, nats, mean of the folds: no evidence, but what
     a choice without held-out scenes would go by."""
@@ -82,7 +84,11 @@ class Candidate:
         if self.over_smooth is None:
             return False
         rough = clipped(self.over_smooth)
-        return bool(rough.sum() <= RULES.bar_nats or p_value(rough) > RULES.agreement_level)
+        p = p_value(rough)
+        if self.over_smooth_slope is not None:
+            # As of the gain itself: scenes may agree that single beams are off, and not on how much each is.
+            p = 2 * min(p, p_value(clipped(self.over_smooth_slope)))
+        return bool(rough.sum() <= RULES.bar_nats or p > RULES.agreement_level)
 
     def accepted(self, bar: float = RULES.bar_nats) -> bool:
         """Whether it passes the bar, and the scenes agree that it should; of an effect of single beams, also on what
@@ -117,7 +123,7 @@ def rank_effects(
         used = [CHANNELS.index(name) for name in channels_of(effect)]
         gain = np.zeros((scenes, 3))
         slope = np.zeros(scenes)
-        over_smooth = np.zeros(scenes) if by_beam(effect) else None
+        over_smooth = np.zeros((2, scenes)) if by_beam(effect) else None
         fits = []
         inside = []
         # A lattice's step is read off the readings; its fit moves the noise alone, and has no direction.
@@ -141,14 +147,16 @@ def rank_effects(
                 begun[in_fit > 0] = 0
             slope += np.bincount(scene, begun.sum(-1), scenes)
             if over_smooth is not None:
-                rough = (result.score - smooth_score(effect, start, in_fit, result=result))[:, used].sum(-1)
-                over_smooth += np.bincount(scene, np.where(in_fit > 0, 0, rough), scenes)
+                level = smoothed(effect, start, in_fit, result=result)
+                level_part = partway(effect, start, in_fit, fit=level, share=RULES.direction_share)
+                for k, rough in enumerate((result.score - level.score, part - level_part)):
+                    over_smooth[k] += np.bincount(scene, np.where(in_fit > 0, 0, rough[:, used].sum(-1)), scenes)
             gain += np.stack([np.bincount(scene, gained[:, k], scenes) for k in range(3)], axis=-1)
             fits.append(result)
             if len(fits) == 1 and inside[0] < RULES.hopeless_share * bar and gain.sum(-1).clip(0).sum() < bar:
                 break
-        beams = None if over_smooth is None else over_smooth[seen]
-        return Candidate(effect, gain[seen], tuple(fits), slope[seen], beams, float(np.mean(inside)))
+        beams = (None, None) if over_smooth is None else tuple(over_smooth[:, seen])
+        return Candidate(effect, gain[seen], tuple(fits), slope[seen], *beams, inside=float(np.mean(inside)))
 
     with ThreadPoolExecutor(THREADS) as pool:
         # Effects that round are tried where a lattice was read off the data, and nowhere else.
@@ -176,10 +184,9 @@ def smooth(numbers: Float[np.ndarray, " r"]) -> Float[np.ndarray, " r"]:
     return result
 
 
-def smooth_score(
-    effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"], *, result: Fit
-) -> Float[np.ndarray, "b 3"]:
-    """Log-likelihood of every block by channel with the beams' numbers of a fit made smooth."""
+def smoothed(effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"], *, result: Fit) -> Fit:
+    """A fit with the beams' numbers made smooth, and what it scores."""
     kinds = fitted_parameters(effect)
     z = {name: smooth(value) if kinds[name].shape == "row" else value for name, value in result.z.items()}
-    return score_at(effect, problem, in_fit, z={n: np.asarray(v, np.float32) for n, v in z.items()}, noise=result.noise)
+    z = {name: np.asarray(value, np.float32) for name, value in z.items()}
+    return replace(result, z=z, score=score_at(effect, problem, in_fit, z=z, noise=result.noise))

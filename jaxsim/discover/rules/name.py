@@ -46,8 +46,9 @@ class NameRules:
     sudden_nats: float = 12.0
     """Gain of each of `decisive_scenes` with which a rare event (lost packets) passes without that test (a judgement,
     not calibrated; tests/discover/name/test_candidates.py) ..."""
-    sudden_loss: float = 0.05
-    """... if the others lose less than this share of what is gained in all (a judgement, not calibrated)."""
+    sudden_loss: float = 0.1
+    """... if the others lose less than this share of what is gained in all (follows from lost packets: a scene without
+    any pays 0.6 nats for two that may be lost in a hundred, of the 16 that one gains; three of eleven are then 0.1)."""
     beam_rows: int = 3
     """Rows to each side over which beams' numbers are made smooth, to see what the beams gain beyond their rows
     (tests/discover/name/test_candidates.py: a line stays, numbers of a beam each lose more than half their variance).

@@ -82,6 +82,13 @@ def test_gains_of_beams_are_named_only_for_what_a_smooth_change_does_not_explain
     assert replace(candidate("beam_gain", 8.0), over_smooth=np.full(11, rough)).accepted() == passes
 
 
+@pytest.mark.parametrize(("slope", "passes"), [(None, False), (1.0, True), (-1.0, False)])
+def test_scenes_may_agree_that_single_beams_are_off_and_not_by_how_much(slope, passes):
+    rough = np.array([9.0, -5, 9, -5, 9, -5, 9, -5, 9, 9, 9])
+    begun = None if slope is None else np.full(11, slope)
+    assert replace(candidate("beam_gain", 8.0), over_smooth=rough, over_smooth_slope=begun).accepted() == passes
+
+
 @pytest.mark.parametrize(
     ("each", "bar", "fits"),
     [(0.5, 10.0, 1), (1.0, 10.0, 3), (0.5, -np.inf, 3)],  # four scenes are fitted: they must gain a quarter of it

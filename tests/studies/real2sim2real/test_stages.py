@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-import jax
 import numpy as np
 import pytest
 
@@ -66,15 +65,8 @@ def made(out: Path) -> dict[str, int]:
     return {str(path): path.stat().st_mtime_ns for path in files if path.parent != out / "pictures"}
 
 
-@pytest.fixture
-def quick():
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick")
+@pytest.mark.usefixtures("quick_programs")
 def test_the_whole_loop_is_made_once_and_told_twice(tmp_path, capfd):
     script = tmp_path / "train.py"
     script.write_text(UNTRAINED)
