@@ -109,6 +109,17 @@ def data_mesh(batch: int, *, members: int = 1) -> Mesh | None:
     return jax.make_mesh((count,), (DATA,), axis_types=(AxisType.Auto,), devices=devices[:count])
 
 
+def check_batch(count: int, size: int, parts: int, *, what: str) -> None:
+    """Raises ValueError where so many training frames or scenes (`what`) cannot fill a batch, or a batch cannot be
+    divided among so many processes."""
+    if count < size:
+        raise ValueError(f"batches: {count} training {what} cannot fill a batch of {size}; lower --optim.batch")
+    if size % parts:
+        raise ValueError(
+            f"batches: {size} {what} cannot be divided among {parts} processes; make --optim.batch a multiple"
+        )
+
+
 def is_first() -> bool:
     """Whether this is process 0, the one that writes."""
     return jax.process_index() == 0

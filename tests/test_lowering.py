@@ -135,7 +135,7 @@ def null_model() -> Program:
 
     def likely(ev: Any, noise: Any, off: Any) -> Any:
         equations = normal_equations(ev, noise, (off, off))
-        return log_likelihood(ev, noise, equations=equations, fitted=jnp.ones(len(ev.scene)), clutter=False)
+        return log_likelihood(ev, noise, equations=equations, in_fit=jnp.ones(len(ev.scene)), clutter=False)
 
     return likely, (shapes(evidence), shapes(START), off)
 

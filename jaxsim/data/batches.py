@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxsim.devices import check_batch
 from jaxsim.frame import Pair
 
 
@@ -96,12 +97,7 @@ def batches(
     """
     import grain
 
-    if len(pairs) < size:
-        raise ValueError(f"batches: {len(pairs)} training frames cannot fill a batch of {size}; lower --optim.batch")
-    if size % parts:
-        raise ValueError(
-            f"batches: {size} frames cannot be divided among {parts} processes; make --optim.batch a multiple"
-        )
+    check_batch(len(pairs), size, parts, what="frames")
     if scale_limit and raster is None:
         raise ValueError(f"batches: scale_limit is {scale_limit}; raster must say the size to cut out")
 

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Float32
 
 from jaxsim.config import AugmentConfig, VoxelConfig
 from jaxsim.detect.scenes import Scene, View
+from jaxsim.devices import check_batch
 from jaxsim.geometry.boxes import wrapped_heading
 from jaxsim.geometry.polar import pad_points
 
@@ -49,12 +50,7 @@ class SceneBatches:
         part: int = 0,
         parts: int = 1,
     ):
-        if len(scenes) < size:
-            raise ValueError(
-                f"batches: {len(scenes)} training scenes cannot fill a batch of {size}; lower --optim.batch"
-            )
-        if size % parts:
-            raise ValueError(f"batches: {size} scenes cannot be divided among {parts} processes; make it a multiple")
+        check_batch(len(scenes), size, parts, what="scenes")
         self.scenes = scenes
         self.voxels = voxels
         self.augmentation = augmentation

@@ -73,23 +73,23 @@ def add_effects(
         z.append(to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1]))
     again = refit(null, laws, z)
     refits, law_refits = again[: len(steps)], again[len(steps) :]
-    named = [(one.effect.plain_name, parameters_of(one.effect, one.fit.z)) for one in refits]
+    named = [(fitted.effect.plain_name, parameters_of(fitted.effect, fitted.fit.z)) for fitted in refits]
     learned = learn(form, law_refits[0].problem, law_refits[0].fit) if form else None
     laws_learned = (*known.learned, *((learned.learned,) if learned else ()))
     return Added(
         refits,
-        tuple(intervals(one.effect, one.problem, one.fit) for one in refits),
+        tuple(intervals(fitted.effect, fitted.problem, fitted.fit) for fitted in refits),
         SensorModel((*known.effects, *named), learned=laws_learned, regions={**known.regions, **(regions or {})}),
         law_refits,
         learned,
     )
 
 
-def changes(null: Problem, one: Refit) -> dict[str, Interval]:
+def changes(null: Problem, fitted: Refit) -> dict[str, Interval]:
     """What a named effect alone changes on the rays that are compared, by channel: the mean, and the 5th and 95th
     percentile. Nuisances take up much of it in the gap; of an effect that scatters, rounds or adds returns, nothing."""
     before = null.ev.rays
-    after = on_top(one.effect, null, one.fit.z, simulated=True).ev.rays
+    after = on_top(fitted.effect, null, fitted.fit.z, simulated=True).ev.rays
     both = np.asarray(before.hit & after.hit)
     intensity = np.expm1(np.asarray(after.log_intensity) - np.asarray(before.log_intensity))
     lost = -np.expm1(np.asarray(after.log_keep) - np.asarray(before.log_keep))
@@ -98,10 +98,12 @@ def changes(null: Problem, one: Refit) -> dict[str, Interval]:
         "range": (np.asarray(after.reading_m) - np.asarray(before.reading_m), "m"),
         "drop": (lost, "share of the returns"),
     }
-    told = {name: (values[both], unit) for name, (values, unit) in change.items() if name in one.effect.channels}
+    of_channels = {
+        name: (values[both], unit) for name, (values, unit) in change.items() if name in fitted.effect.channels
+    }
     return {
         name: Interval(float(values.mean()), *np.quantile(values, [0.05, 0.95]).tolist(), unit=unit)
-        for name, (values, unit) in told.items()
+        for name, (values, unit) in of_channels.items()
         if values.any()
     }
 
@@ -139,7 +141,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
     inverse = np.zeros_like(hessian)
     inverse[np.ix_(free, free)] = (vectors / np.maximum(np.abs(values), 1 / NOISE_SD**2)) @ vectors.T
     scenes = np.unique(scene)
-    slopes = np.stack([objective.data(x, (scene == one).astype(np.float32))[1] for one in scenes])
+    slopes = np.stack([objective.data(x, (scene == drive).astype(np.float32))[1] for drive in scenes])
     slopes = slopes - slopes.mean(0)
     scatter = slopes.T @ slopes * len(scenes) / max(len(scenes) - 1, 1)
     sandwich = inverse @ scatter @ inverse
@@ -157,7 +159,9 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
     reach = RULES.interval_widening * float(student_reach(len(np.unique(np.asarray(problem.ev.scene)))))
     of_z = restorer(result.z)(sd)
     values = to_values(effect, result.z)
-    again = to_values(effect, fit_to_implied(effect, problem, result).z) if follows_power(effect) else values
+    # It reads an echo's power and leaves the intensity as it is.
+    by_power = "intensity" not in effect.channels and "power" in effect.covariates
+    again = to_values(effect, fit_to_implied(effect, problem, result).z) if by_power else values
     between = sector_between(problem, values) if effect.name == "sector_occlusion" else {}
     parameters: dict[str, Interval | tuple[Interval, ...]] = {}
     for name, p in fitted_parameters(effect).items():
@@ -180,11 +184,6 @@ def interval_of(value: _Numbers, low: _Numbers, high: _Numbers, *, unit: str) ->
         return Interval(float(value), float(low), float(high), unit)
     ends = zip(np.asarray(value), np.asarray(low), np.asarray(high), strict=True)
     return tuple(Interval(float(v), float(a), float(b), unit) for v, a, b in ends)
-
-
-def follows_power(effect: Law) -> bool:
-    """Whether it reads an echo's power and leaves the intensity as it is."""
-    return "intensity" not in effect.channels and "power" in effect.covariates
 
 
 def fit_to_implied(effect: Law, problem: Problem, result: Fit) -> Fit:

@@ -57,7 +57,7 @@ def complete(
         answer = replace(answer, elsewhere=(*answer.elsewhere, *((formula, sides.why) for formula in passed)))
     if repeats:
         log(f"{repeats[0].repeat.formula}, in every scene: no effect of the catalogue, added as it is")
-        added = with_repeats(added, [one.learned for one in repeats])
+        added = with_repeats(added, [repeat.learned for repeat in repeats])
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
         answer = with_what_repeats(answer, repeats[0])
     return Completed(replace(answer, choice=choice), added, repeats)

@@ -77,8 +77,8 @@ def verdict_of(
     return Verdict(
         verdict=answer.verdict,
         effects=tuple(
-            named(step, values, does=changes(null, one))
-            for step, values, one in zip(choice.steps, added.parameters, added.refits, strict=True)
+            named(step, values, does=changes(null, fitted))
+            for step, values, fitted in zip(choice.steps, added.parameters, added.refits, strict=True)
         ),
         frames=len(placed.comparison.names),
         where=placed.found.where,
@@ -88,7 +88,7 @@ def verdict_of(
         find=placed.division.parts.find,
         judge=placed.division.parts.judge,
         sha256=placed.division.parts.sha256,
-        moved=nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
+        moved=nuisance_changes(null, choice, [fitted.fit.z for fitted in added.refits]),
         ranking=ranking(choice, why_not, bar=choice.bars.effect),
         nulls=answer.nulls,
         levels=shown.levels,
@@ -98,7 +98,7 @@ def verdict_of(
         own=own_candidates(choice),
         learned=added.sensor.learned[learned_before:],
         law=closed_law(added.learned) if added.learned else formula_of(completed.repeats),
-        repeats=tuple(one.repeat for one in completed.repeats),
+        repeats=tuple(repeat.repeat for repeat in completed.repeats),
         every_frame=every,
         regimes=divided.regimes,
         registered=registered_of(placed.comparison),
@@ -127,7 +127,8 @@ def result_of(
     known = given.beside(control.mounting)
     sensor = sensor_of(verdict, added.sensor, known).without(control.mounting.without(given))
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
-    standing = [(one.effect, one.fit.z) for one in added.refits if one.effect.plain_name in dict(sensor.effects)]
+    named_effects = dict(sensor.effects)
+    standing = [(fitted.effect, fitted.fit.z) for fitted in added.refits if fitted.effect.plain_name in named_effects]
     null = placed.found.null.problem
     levels = missing(shown.levels, made_by(null.ev, in_place(null, standing).ev))
     return Result(

@@ -46,11 +46,11 @@ def contrast_of_answer(found: Candidate, problem: Problem) -> Contrast:
     """What an answer says of the contrast that was `found`, `problem` being that of the answer, contrast left free."""
     scene = np.asarray(problem.ev.scene)
 
-    def slopes(fitted: Any) -> np.ndarray:
-        return 1 + np.asarray(shared_levels(problem.ev, problem.equations, fitted))[-len(SCALES) :]
+    def slopes(in_fit: Any) -> np.ndarray:
+        return 1 + np.asarray(shared_levels(problem.ev, problem.equations, in_fit))[-len(SCALES) :]
 
     whole = slopes(problem.ev.all_blocks)
-    without = np.stack([slopes((scene != one).astype(np.float32)) for one in np.unique(scene)])
+    without = np.stack([slopes((scene != left_out).astype(np.float32)) for left_out in np.unique(scene)])
     half = fold_half_width(without)
     of_scale = [Interval(float(v), float(v - h), float(v + h), "") for v, h in zip(whole, half, strict=True)]
     return Contrast(

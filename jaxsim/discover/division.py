@@ -216,7 +216,7 @@ class AllScenes:
     """The null model's, or other columns of its frames."""
     ev: Evidence
     scene: Int[np.ndarray, " b"]
-    fitted: Float[np.ndarray, " b"]
+    in_fit: Float[np.ndarray, " b"]
     """1 for the find scenes, from which follows what scenes share."""
 
     @classmethod
@@ -232,4 +232,4 @@ class AllScenes:
         null's)."""
         null = self.null.problem
         noise = null.noise if noise is None else noise
-        return on_evidence(self.division.scan, self.ev, null, effects=effects, noise=noise, fitted=self.fitted)
+        return on_evidence(self.division.scan, self.ev, null, effects=effects, noise=noise, in_fit=self.in_fit)

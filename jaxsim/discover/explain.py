@@ -43,14 +43,14 @@ def named(
     """An effect that was named, with what it `does` to the rays, its look-alikes (`more_alike` besides) and what would
     tell them apart: `remedy`, where the catalogue does not say."""
     effect = step.chosen.effect
-    alike = list(dict.fromkeys([*(one.effect.plain_name for one in step.alike), *more_alike]))
+    alike = list(dict.fromkeys([*(candidate.effect.plain_name for candidate in step.alike), *more_alike]))
     # Look-alikes of one's own effect are those of these frames, which the candidates carry.
-    every = {**EFFECTS, **{one.effect.plain_name: one.effect for one in (step.chosen, *step.alike)}}
-    told = effect.look_alikes
+    every = {**EFFECTS, **{candidate.effect.plain_name: candidate.effect for candidate in (step.chosen, *step.alike)}}
+    own = effect.look_alikes
     return Named(
         name=effect.plain_name,
         look_alikes=tuple(alike),
-        tell_apart={one: told.get(one) or every[one].look_alikes.get(effect.plain_name) or remedy for one in alike},
+        tell_apart={name: own.get(name) or every[name].look_alikes.get(effect.plain_name) or remedy for name in alike},
         channels=effect.channels,
         p_value=step.chosen.chance,
         # No scene decides alone.
@@ -63,9 +63,10 @@ def named(
 def ranking(choice: Selection[Any], why_not: Callable[[Any, Any], str], *, bar: float = 0.0) -> tuple[Rank, ...]:
     """The first step's best candidates and why (`why_not` of candidate and choice) each was not named; `bar` is what
     all scenes together must gain."""
+    listed = choice.first_ranking[: RULES.candidates_listed]
     return tuple(
-        Rank(one.effect.name, one.total / len(one.by_scene), one.chance, bar / len(one.by_scene), why_not(one, choice))
-        for one in choice.first_ranking[: RULES.candidates_listed]
+        Rank(c.effect.name, c.total / len(c.by_scene), c.chance, bar / len(c.by_scene), why_not(c, choice))
+        for c in listed
     )
 
 
@@ -73,15 +74,15 @@ def own_candidates(choice: Choice) -> tuple[OwnCandidate, ...]:
     """The candidates of the first step that are no part of the catalogue, best first."""
     return tuple(
         OwnCandidate(
-            name=one.effect.name,
-            origin=one.effect.origin.to_json(),
-            gain=one.total / len(one.by_scene),
-            p_value=one.chance,
-            why_not=why_not(one, choice),
-            look_alikes=one.effect.alike,
+            name=candidate.effect.name,
+            origin=candidate.effect.origin.to_json(),
+            gain=candidate.total / len(candidate.by_scene),
+            p_value=candidate.chance,
+            why_not=why_not(candidate, choice),
+            look_alikes=candidate.effect.alike,
         )
-        for one in choice.first_ranking
-        if isinstance(one.effect, OwnEffect)
+        for candidate in choice.first_ranking
+        if isinstance(candidate.effect, OwnEffect)
     )
 
 
@@ -93,7 +94,7 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
     order = [step.chosen.effect.plain_name for step in steps]
     if name in order:
         return "" if name == order[0] else f"named too, after {', '.join(order[: order.index(name)])}"
-    if steps and name in {one.effect.plain_name for one in steps[0].alike}:
+    if steps and name in {candidate.effect.plain_name for candidate in steps[0].alike}:
         return "these data cannot tell it from the one that is named"
     if name in choice.refused:
         return choice.refused[name]
@@ -121,8 +122,8 @@ def nuisance_changes(null: Problem, choice: Choice, z: Sequence[dict[str, Any]])
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
     nuisances = [
-        np.asarray(shared_levels(one.ev, one.equations, one.ev.all_blocks))[: -one.ev.after_kinds].tolist()
-        for one in (null, choice.problem)
+        np.asarray(shared_levels(p.ev, p.equations, p.ev.all_blocks))[: -p.ev.after_kinds].tolist()
+        for p in (null, choice.problem)
     ]
     changes |= {name: (a, b) for name, a, b in zip(["gain", *null.ev.kinds], *nuisances, strict=True)}
     if len(choice.steps) > 1:
@@ -194,7 +195,7 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             "what they explain along ranges, angles and rows and between classes"
         )
     for why, meaning in ELSEWHERE.items():
-        if found := [one for one, of in answer.elsewhere if of == why]:
+        if found := [name for name, of in answer.elsewhere if of == why]:
             lines.append(f"found, and not said: {', '.join(found)}. {why[0].upper()}{why[1:]}: so it is {meaning}")
     if answer.unfounded:
         lines.append(
@@ -202,11 +203,11 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             "noise of neighbouring readings does not grow as echoes weaken: what grows is what the simulator does not "
             "know of grazing surfaces and of the sensor's pose"
         )
-    of_intensity = [one for one in named_effects if one.channels == ("intensity",)]
-    by_place = [one for one in of_intensity if one.covariates and {*one.covariates} <= {"range", "row"}]
+    of_intensity = [effect for effect in named_effects if effect.channels == ("intensity",)]
+    by_place = [effect for effect in of_intensity if effect.covariates and {*effect.covariates} <= {"range", "row"}]
     if by_place and len(np.unique(np.asarray(comparison.scan.semantic))) == 1:
         lines.append(
-            f"{', '.join(one.plain_name for one in by_place)}: the simulated frames tell no classes. Where one "
+            f"{', '.join(effect.plain_name for effect in by_place)}: the simulated frames tell no classes. Where one "
             "material stands near by and another far off, or in the rows of some beams, in every scene, and the "
             "simulator has one of them too bright, that looks the same; frames with `semantic` tell the two apart"
         )

@@ -85,8 +85,8 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     if np.delete(gained, BRIGHTNESS).sum() <= RULES.confirmed_nats:
         return nothing
     effects = [
-        named(step, values, does=changes(null.problem, one))
-        for step, values, one in zip(choice.steps, added.parameters, added.refits, strict=True)
+        named(step, values, does=changes(null.problem, fitted))
+        for step, values, fitted in zip(choice.steps, added.parameters, added.refits, strict=True)
     ]
     of_sensor = added.sensor.effects[len(sectors.known.effects) :]
     known = replace(sectors.known, effects=(*sectors.known.effects, *compress(of_sensor, stands)))

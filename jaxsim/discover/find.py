@@ -61,9 +61,9 @@ class Additive:
         self.parts = [np.flatnonzero(scene % folds == k) for k in range(folds)]
         # Products in single precision are summed in double: the systems that are solved hold all folds but one.
         held_out = [x[part] for part in self.parts]
-        self.squares = [(one.T @ one).astype(np.float64) for one in held_out]
-        self.held_out = [one.astype(np.float64) for one in held_out]
-        self.products = [one.T @ z[part] for one, part in zip(self.held_out, self.parts, strict=True)]
+        self.squares = [(design.T @ design).astype(np.float64) for design in held_out]
+        self.held_out = [design.astype(np.float64) for design in held_out]
+        self.products = [design.T @ z[part] for design, part in zip(self.held_out, self.parts, strict=True)]
 
     def predicted(self, names: Sequence[str]) -> Float[np.ndarray, " n"]:
         """What a constant and the named curves say of each residual, fitted to the scenes of the other folds."""
@@ -139,19 +139,19 @@ def localise(
             dependences.append(Dependence(channel, rest[best], p, 2 * gain / squares, gain))
             taken.append(rest.pop(best))
             before = after[best]
-    return sorted(dependences, key=lambda one: -one.gain)
+    return sorted(dependences, key=lambda dependence: -dependence.gain)
 
 
 def reported(dependences: Iterable[Dependence]) -> list[Dependence]:
     """The dependences that a verdict lists, strongest first."""
     sure = [
-        one
-        for one in dependences
-        if one.p_value <= RULES.dependence_level
-        and one.gain >= RULES.dependence_nats
-        and (one.channel, one.covariate) not in FITTED
+        dependence
+        for dependence in dependences
+        if dependence.p_value <= RULES.dependence_level
+        and dependence.gain >= RULES.dependence_nats
+        and (dependence.channel, dependence.covariate) not in FITTED
     ]
-    return sorted(sure, key=lambda one: -one.gain)[: RULES.dependences_listed]
+    return sorted(sure, key=lambda dependence: -dependence.gain)[: RULES.dependences_listed]
 
 
 def _one_clock(rays: Any, counts: np.ndarray) -> bool:
@@ -184,7 +184,9 @@ def interactions(
             continue
         index = _scene_index(scene, counts)
         # Where losses are rare a few rays hold all the weight, and products of curves would be fitted to them.
-        if _effective(z[counts]) < RULES.fewest_effective:
+        squares = z[counts].astype(np.float64) ** 2
+        # Kish 1965: how many equally large residuals have the weight of these.
+        if squares.sum() ** 2 / max((squares**2).sum(), 1e-12) < RULES.fewest_effective:
             continue
         designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
         additive = Additive(z[counts].astype(np.float32), designs, index, scenes=scenes)
@@ -194,10 +196,12 @@ def interactions(
         crossed = list(combinations([name for name, curve in curves.items() if curve.shape[1] > 1], 2))
         if not crossed:
             continue
-        gains = np.stack(
-            [_interaction_gain(rest, curves[a], curves[b], index=index, scenes=scenes) for a, b in crossed]
-        )
-        best, p = best_of_gains(gains)
+        gains = []
+        for a, b in crossed:
+            products = (curves[a][:, :, None] * curves[b][:, None, :]).reshape(len(rest), -1)
+            model = Additive(rest, {"product": products}, index, scenes=scenes)
+            gains.append(model.by_scene(np.zeros(len(rest)), model.predicted(["product"]))[0])
+        best, p = best_of_gains(np.stack(gains))
         if p <= level:
             share = float(2 * gains[best].sum() / (rest.astype(np.float64) ** 2).sum())
             # Of all residuals, where only some were tried.
@@ -216,29 +220,9 @@ def _thinned(counts: Bool[np.ndarray, "b c r"]) -> Bool[np.ndarray, "b c r"]:
     return chosen.reshape(counts.shape)
 
 
-def _effective(z: Float[np.ndarray, " n"]) -> float:
-    """How many equally large residuals have the weight of these (Kish 1965)."""
-    squares = z.astype(np.float64) ** 2
-    return float(squares.sum() ** 2 / max((squares**2).sum(), 1e-12))
-
-
 def _short(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:
     """A curve of few knots: a product of two has the product of their numbers. Only classes keep a column each."""
     return curve_basis(x, name if name == "class" else "", RULES.interaction_knots)
-
-
-def _interaction_gain(
-    rest: Float[np.ndarray, " n"],
-    first: Float[np.ndarray, "n j"],
-    second: Float[np.ndarray, "n k"],
-    *,
-    index: Int[np.ndarray, " n"],
-    scenes: int,
-) -> Float[np.ndarray, " s"]:
-    """Held-out nats of each scene by the products of two curves."""
-    products = (first[:, :, None] * second[:, None, :]).reshape(len(rest), -1)
-    model = Additive(rest, {"product": products}, index, scenes=scenes)
-    return model.by_scene(np.zeros(len(rest)), model.predicted(["product"]))[0]
 
 
 @dataclass(frozen=True)
@@ -263,5 +247,5 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
         partial(localise, rays, residuals, null.scene), partial(interactions, rays, residuals, null.scene)
     )
     listed = reported([*single, *crossed])
-    where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
+    where = tuple(Where(found.channel, spelled(found.covariate), found.p_value, found.share) for found in listed)
     return Dependences(null, single, where, tuple(reported(crossed)))

@@ -119,9 +119,9 @@ def thresholds_of(distances: Mapping[str, Interval]) -> dict[str, float]:
     Of simulators as right as these few turn red: docs/discover-rates.md#gates counts them.
     """
     return {
-        name: max(one.high * (1 + RULES.gate_worse_share), RULES.gate_least)
-        for name, one in distances.items()
-        if np.isfinite(one.high)
+        name: max(distance.high * (1 + RULES.gate_worse_share), RULES.gate_least)
+        for name, distance in distances.items()
+        if np.isfinite(distance.high)
     }
 
 
@@ -158,76 +158,76 @@ def _is_verdict(effects: Any, gap: Any) -> bool:
     """Whether these are a verdict's: named effects, and distances a channel, where it was compared."""
     if not isinstance(effects, list) or not isinstance(gap, dict):
         return False
-    named = all(isinstance(one, dict) and isinstance(one.get("name"), str) for one in effects)
+    named = all(isinstance(effect, dict) and isinstance(effect.get("name"), str) for effect in effects)
     # A channel that was not compared is null, and the closure beside them has no `before`.
-    distances = [one.get("before") if isinstance(one, dict) else one for one in gap.values()]
+    distances = [channel.get("before") if isinstance(channel, dict) else channel for channel in gap.values()]
     return named and all(
-        one is None or (isinstance(one, int | float) and not isinstance(one, bool) and 0 <= one <= FAR_M)
-        for one in distances
+        distance is None
+        or (isinstance(distance, int | float) and not isinstance(distance, bool) and 0 <= distance <= FAR_M)
+        for distance in distances
     )
 
 
 def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     """The checks of a whole answer."""
-    before = {one.get("name") for one in gate.baseline.get("effects", [])}
+    before = {effect.get("name") for effect in gate.baseline.get("effects", [])}
     checks = [_named(gate, verdict, before)]
     if verdict.unrelated and not gate.baseline.get("unrelated"):
         checks.append(Check("effects on intensity", "unsure", NOT_ASKED))
 
-    def at_most(channel: str, most: float, *, name: str, told: str) -> Check:
+    def at_most(channel: str, most: float, *, name: str, limit: str) -> Check:
         gap = verdict.gap.get(channel)
         if gap is None or not np.isfinite(gap.before):
             return Check(name, "unsure", NOT_COMPARED)
-        return Check(name, "pass" if gap.before <= most else "gap", f"{gap.before:.4g} {gap.unit}, {told}")
+        return Check(name, "pass" if gap.before <= most else "gap", f"{gap.before:.4g} {gap.unit}, {limit}")
 
     for channel, most in gate.thresholds.items():
-        checks.append(at_most(channel, most, name=channel, told=f"at most {most:g} may be"))
+        checks.append(at_most(channel, most, name=channel, limit=f"at most {most:g} may be"))
     for channel, old in (gate.baseline.get("gap") or {}).items():
         # What was not compared before is null, and the closure has no distance.
         if isinstance(old, dict) and isinstance(old.get("before"), int | float):
-            most, told = old["before"] * (1 + RULES.gate_worse_share), f"{old['before']:.4g} before"
-            checks.append(at_most(channel, most, name=f"{channel} against baseline", told=told))
+            most, limit = old["before"] * (1 + RULES.gate_worse_share), f"{old['before']:.4g} before"
+            checks.append(at_most(channel, most, name=f"{channel} against baseline", limit=limit))
     return tuple(checks)
 
 
 def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
-    new = [one for one in verdict.effects if one.name not in gate.allowed | before]
-    told = [
-        f"{one.name} ({', '.join(one.channels)}, p {one.p_value:.2g}, {one.gain.value:.3g} {one.gain.unit})"
-        for one in new
+    new = [effect for effect in verdict.effects if effect.name not in gate.allowed | before]
+    lacking = [
+        f"{effect.name} ({', '.join(effect.channels)}, "
+        f"p {effect.p_value:.2g}, {effect.gain.value:.3g} {effect.gain.unit})"
+        for effect in new
     ]
     # An effect stands on the others that are named: if one of them is certain, so is that something is missing.
-    certain = any(_certain(one, gate.effect_nats) for one in new)
+    certain = any(
+        effect.gain.value >= gate.effect_nats if _in_nats(effect) else effect.p_value <= RULES.unpaired_level
+        for effect in new
+    )
     # What had no name before is nothing new, either.
     was_so = any(gate.baseline.get(key) for key in LEFT) or gate.baseline.get("verdict") == NOT_NAMED
     remains = verdict.verdict == NOT_NAMED or any(getattr(verdict, key) for key in LEFT)
     if remains and NOT_NAMED not in gate.allowed and not was_so:
         what = verdict.unexplained.covariate if verdict.unexplained else "its own coordinates"
         # Judge scenes gain by the named effects, too: only what is more than these gain for certain is its own.
-        beside = sum(one.gain.high for one in verdict.effects if _in_nats(one))
+        beside = sum(effect.gain.high for effect in verdict.effects if _in_nats(effect))
         nats = verdict.judged_nats(*verdict.gap) - beside
         beyond = " beyond the named effects" if verdict.effects else ""
-        told.append(f"something that no effect describes, along {what} ({nats:.3g} nats a judge scene{beyond})")
+        lacking.append(f"something that no effect describes, along {what} ({nats:.3g} nats a judge scene{beyond})")
         certain = certain or nats >= gate.effect_nats
     if certain:
-        return Check("effects", "gap", f"the simulation lacks {', '.join(told)}")
-    if told:
+        return Check("effects", "gap", f"the simulation lacks {', '.join(lacking)}")
+    if lacking:
         least = f"under {gate.effect_nats:g} nats a scene chance may have found it"
-        if not all(_in_nats(one) for one in new):
+        if not all(_in_nats(effect) for effect in new):
             least = f"{least}, and losses at a p above {RULES.unpaired_level:g}"
-        return Check("effects", "unsure", f"the simulation may lack {', '.join(told)}; {least}")
-    allowed = ", ".join(one.name for one in verdict.effects)
+        return Check("effects", "unsure", f"the simulation may lack {', '.join(lacking)}; {least}")
+    allowed = ", ".join(effect.name for effect in verdict.effects)
     return Check("effects", "pass", f"nothing but what may be: {allowed}" if allowed else "no effect is missing")
 
 
 def _in_nats(effect: Named) -> bool:
     """Whether an effect's gain is a likelihood; of losses unpaired it is the share of rays that they cost."""
     return effect.gain.unit.startswith("nats")
-
-
-def _certain(effect: Named, nats: float) -> bool:
-    """Whether chance has not named it."""
-    return effect.gain.value >= nats if _in_nats(effect) else effect.p_value <= RULES.unpaired_level
 
 
 def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:
@@ -240,14 +240,15 @@ def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Chec
         raise ValueError("gate: --fast names nothing, so allowed and baseline say nothing to it; give thresholds")
     checks = []
     for channel, most in gate.thresholds.items():
-        one = distances[channel]
-        words = f"{one.value:.4g} ({one.low:.4g} .. {one.high:.4g}) {one.unit}, at most {most:g} may be"
-        if not np.isfinite(one.value):
+        distance = distances[channel]
+        between = f"({distance.low:.4g} .. {distance.high:.4g})"
+        words = f"{distance.value:.4g} {between} {distance.unit}, at most {most:g} may be"
+        if not np.isfinite(distance.value):
             checks.append(Check(channel, "unsure", "no ray shows it"))
-        elif one.value <= most:
+        elif distance.value <= most:
             checks.append(Check(channel, "pass", words))
         else:
-            checks.append(Check(channel, "gap" if one.low > most else "unsure", words))
+            checks.append(Check(channel, "gap" if distance.low > most else "unsure", words))
     return tuple(checks)
 
 

@@ -46,14 +46,14 @@ def compare_levels(comparison: Comparison) -> tuple[Level, ...]:
     """
     simulated = _by_scene(comparison, comparison.scan)
     if comparison.lattices is not None:
-        simulated = [on_lattices(one, comparison.lattices) for one in simulated]
+        simulated = [on_lattices(of_scene, comparison.lattices) for of_scene in simulated]
     measured = _by_scene(comparison, _as_measured(comparison.scan, comparison.measured))
     return tuple(
         _compared(
             name,
             unit,
-            simulated=[getattr(one, field) for one in simulated],
-            measured=[getattr(one, field) for one in measured],
+            simulated=[getattr(of_scene, field) for of_scene in simulated],
+            measured=[getattr(of_scene, field) for of_scene in measured],
         )
         for name, (field, unit) in MEASURES.items()
     )
@@ -70,7 +70,9 @@ def range_noise_grows(comparison: Comparison) -> bool:
     ends = np.quantile(power[np.asarray(comparison.scan.hit)], [1 / 3, 2 / 3])
     variance = [
         [
-            np.square([one.range_m for one in _by_scene(comparison, replace(side, hit=np.asarray(side.hit) & part))])
+            np.square(
+                [noise.range_m for noise in _by_scene(comparison, replace(side, hit=np.asarray(side.hit) & part))]
+            )
             for side in (comparison.scan, _as_measured(comparison.scan, comparison.measured))
         ]
         for part in (power < ends[0], power > ends[1])
@@ -98,11 +100,11 @@ def missing(levels: tuple[Level, ...], made: Mapping[str, float] | None = None) 
     """What a sensor model adds to a simulation besides its effects, by name: the levels that the simulator lacks for
     certain, less what the effects have `made` of them already."""
     result = {}
-    for one in levels:
-        there = (made or {}).get(one.name, 0.0)
-        if one.missing.low > there:
-            power = power_of(one.name)
-            result[one.name] = (one.missing.value**power - there**power) ** (1 / power)
+    for level in levels:
+        there = (made or {}).get(level.name, 0.0)
+        if level.missing.low > there:
+            power = power_of(level.name)
+            result[level.name] = (level.missing.value**power - there**power) ** (1 / power)
     return result
 
 

@@ -49,23 +49,25 @@ PART_BINS = 12
 
 def with_look_alikes(effects: Iterable[Effect], rays: Rays, scan: Scan) -> list[Effect]:
     """The effects, those of one's own with their look-alikes on these rays (blocks, columns, rows) of the scan."""
-    return [described(one, rays, scan) if isinstance(one, OwnEffect) else one for one in effects]
+    return [described(effect, rays, scan) if isinstance(effect, OwnEffect) else effect for effect in effects]
 
 
 def described(effect: OwnEffect, rays: Rays, scan: Scan) -> OwnEffect:
     """The effect with its look-alikes on these rays, beside those that its author names."""
     alike = look_alikes(effect, rays, scan)
-    return replace(effect, alike=alike, look_alikes={one.name: one.apart for one in alike} | effect.look_alikes)
+    return replace(effect, alike=alike, look_alikes={like.name: like.apart for like in alike} | effect.look_alikes)
 
 
 def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]:
     """The catalogue's effects of its channels that reproduce most of what `effect` does at a visible size, nearest
     first."""
-    rays = thin_rays(rays)
+    # Every so many blocks and columns, so that MOST_RAYS are left or fewer.
+    step = int(np.ceil(np.sqrt(rays.row.size / MOST_RAYS)))
+    rays = jax.tree.map(lambda leaf: leaf[::step, ::step] if leaf.ndim >= 3 else leaf, rays)
     # At a visible size: near neutral any two effects are as good as linear, and more of them look alike.
     change = np.asarray(_change(effect, visible(effect, scan.range_m.shape[1]), rays, scan=scan))
     size = float(np.square(change).sum())
-    others = [one for one in EFFECTS.values() if not isinstance(one, OwnEffect) and one.name not in FINEST]
+    others = [known for known in EFFECTS.values() if not isinstance(known, OwnEffect) and known.name not in FINEST]
     alike: list[LookAlike] = []
     for other in others if size > 0 else ():
         if not {*other.channels} & {*effect.channels}:
@@ -75,13 +77,7 @@ def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]
         share = 1 - float(np.square(remainder).sum()) / size
         if share >= RULES.alike_share:
             alike.append(LookAlike(other.name, share, _apart(remainder, rays, share=share)))
-    return tuple(sorted(alike, key=lambda one: -one.share))
-
-
-def thin_rays(rays: Rays) -> Rays:
-    """Every so many blocks and columns of rays (blocks, columns, rows), so that MOST_RAYS are left or fewer."""
-    step = int(np.ceil(np.sqrt(rays.row.size / MOST_RAYS)))
-    return jax.tree.map(lambda leaf: leaf[::step, ::step] if leaf.ndim >= 3 else leaf, rays)
+    return tuple(sorted(alike, key=lambda like: -like.share))
 
 
 def visible(effect: Effect, rows: int) -> dict[str, Any]:
@@ -152,7 +148,7 @@ def _imitated(other: Effect, changed: np.ndarray, rays: Rays, *, scan: Scan) -> 
         minimize(loss, x, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": IMITATION_STEPS})
         for x in begin
     ]
-    best = min(fits, key=lambda one: float(one.fun))
+    best = min(fits, key=lambda fit: float(fit.fun))
     return np.asarray(slope(best.x)[0][1])
 
 

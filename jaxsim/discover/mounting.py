@@ -84,9 +84,9 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
         again = replace(cast_again, scan=moved, told=told, between_unknown=True, other_moments=True)
         return Mounting((), again, known)
     # A mounting is that of all frames: what acts in a part of them alone stays with what else is known.
-    given = {name for name, _ in known.effects} - {*known.regions}
+    known_effects = {name for name, _ in known.effects} - {*known.regions}
     named = tuple(name for name in registered.sure if name in candidates)
-    stated = tuple(name for name in registered.sure if name in given)
+    stated = tuple(name for name in registered.sure if name in known_effects)
     if not named and not stated:
         return Mounting((), comparison, known)
     # One mounting for all frames: what single frames differ by is noise of their registration.
@@ -177,22 +177,23 @@ def parameters(registered: Registration, effect: str) -> dict[str, Interval]:
 
 def registered_of(comparison: Comparison) -> Registered | None:
     """What a verdict says of the registration."""
-    one = comparison.registration
-    if one is None:
+    registered = comparison.registration
+    if registered is None:
         return None
-    of_sides = zip((one.near_as_given, one.near), (one.given_m, one.predicted_m), strict=True)
-    told = [(float(np.median(near)), float(np.nanmedian(np.abs(at_m - one.measured_m)))) for near, at_m in of_sides]
+    near = [float(np.median(share)) for share in (registered.near_as_given, registered.near)]
+    predicted = registered.given_m, registered.predicted_m
+    off_m = [float(np.nanmedian(np.abs(range_m - registered.measured_m))) for range_m in predicted]
     return Registered(
         motion={
             key: value
             for name in MOTION_PARTS
-            if name != "beam_elevation_error" or name in one.sure
-            for key, value in parameters(one, name).items()
+            if name != "beam_elevation_error" or name in registered.sure
+            for key, value in parameters(registered, name).items()
         },
-        sure=one.sure,
-        other_moments=one.early_or_late,
-        near=(told[0][0], told[1][0]),
-        off_m=(told[0][1], told[1][1]),
+        sure=registered.sure,
+        other_moments=registered.early_or_late,
+        near=(near[0], near[1]),
+        off_m=(off_m[0], off_m[1]),
         speeds=comparison.speeds,
     )
 
@@ -202,20 +203,21 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
     beams."""
     registered = mounting.comparison.registration
     confirmed: list[Named] = []
-    others: list[Named] = []
+    unconfirmed: list[Named] = []
     if registered is None:
         return (), ()
     for name in mounting.effects:
         on_find, on_judge = gains(registered.frames, MOTION_PARTS[name], scenes=mounting.comparison.scenes, parts=parts)
         gain = clipped(on_find)
         values = parameters(registered, name)
-        vectors = {key: (one,) * rows for key, one in values.items() if EFFECTS[name].parameters[key].shape == "row"}
+        of_beams = [key for key in values if EFFECTS[name].parameters[key].shape == "row"]
+        vectors = {key: (values[key],) * rows for key in of_beams}
         nats = Interval.of_scenes(gain, "nats per scene")
-        one = Named.alone(name, p_value(gain), nats, parameters=values | vectors)
+        effect = Named.alone(name, p_value(gain), nats, parameters=values | vectors)
         # What every other name is asked: the signs of find scenes, the bar, and judge scenes.
-        sure = one.p_value <= RULES.agreement_level and gain.sum() > RULES.bar_nats
-        (confirmed if sure and mean_interval(on_judge)[0] > 0 else others).append(one)
-    return tuple(confirmed), tuple(others)
+        sure = effect.p_value <= RULES.agreement_level and gain.sum() > RULES.bar_nats
+        (confirmed if sure and mean_interval(on_judge)[0] > 0 else unconfirmed).append(effect)
+    return tuple(confirmed), tuple(unconfirmed)
 
 
 def gains(
@@ -234,14 +236,14 @@ def gains(
     # In standard deviations of what a frame's own pose may be off by, so that squares are nats.
     z = motion[:, part] / POSE_AND_LIFT_SD[part]
 
-    def gain(scene: str, others: Sequence[str]) -> float:
-        if not others:
+    def gain(scene: str, by: Sequence[str]) -> float:
+        if not by:
             # With no other frame there is nothing that it could bear out.
             return 0.0
         poses = z[names == scene]
         # The median: a frame that was registered to another valley must not name a mounting.
-        middle = np.median(z[np.isin(names, others)], axis=0)
+        middle = np.median(z[np.isin(names, by)], axis=0)
         return 0.5 * float(np.sum(poses**2 - (poses - middle) ** 2))
 
-    held_out = [gain(one, [other for other in find if other != one]) for one in find]
-    return np.array(held_out or [0.0]), np.array([gain(one, find) for one in judged])
+    held_out = [gain(scene, [other for other in find if other != scene]) for scene in find]
+    return np.array(held_out or [0.0]), np.array([gain(scene, find) for scene in judged])

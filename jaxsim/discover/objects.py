@@ -40,7 +40,7 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
         points = _errors([rows[:, 0] for rows in off])
         intensity = _errors([rows[:, 1] for rows in off])
         comparisons.append(Fidelity(kind, count, *points, *intensity))
-    return tuple(sorted(comparisons, key=lambda one: -one.targets))
+    return tuple(sorted(comparisons, key=lambda fidelity: -fidelity.targets))
 
 
 def targets(comparison: Comparison, frame: int) -> Iterator[tuple[str, tuple[float, float]]]:

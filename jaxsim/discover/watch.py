@@ -88,8 +88,8 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
     values = [log_intensity, *log_intensity, *np.array_split(log_intensity, PARTS_OF_TURN, axis=1)]
     share = np.array([part.mean() for part in parts])
     level = np.array([v[part].mean() if part.any() else np.nan for v, part in zip(values, parts, strict=True)])
-    for one in (share, level):
-        for part in (one[1 : len(valid) + 1], one[len(valid) + 1 :]):
+    for line in (share, level):
+        for part in (line[1 : len(valid) + 1], line[len(valid) + 1 :]):
             # A view: the median goes off the frame's own numbers.
             part -= np.nanmedian(part) if np.isfinite(part).any() else 0.0
     return np.concatenate([level, share])

@@ -40,7 +40,7 @@ def test_all_scenes_have_the_find_scenes_first_and_these_alone_are_fitted(divisi
     first = every.scene < len(division.parts.find)
     np.testing.assert_array_equal(times[first], np.asarray(find.rays.time_s)[:, 0, 0])
     np.testing.assert_array_equal(every.scene[first], scene)
-    np.testing.assert_array_equal(every.fitted, first)
+    np.testing.assert_array_equal(every.in_fit, first)
 
 
 def test_known_effects_are_in_place(division):

@@ -107,7 +107,7 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
     one = place_mounting(given, MOTION_PARTS)
     asked = []
 
-    def fit(law, null, fitted):
+    def fit(law, null, in_fit):
         asked.append(law.name)
         return SimpleNamespace(z={"error_rad": np.float32(-3e-4 / 0.0014)})
 

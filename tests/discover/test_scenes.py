@@ -50,9 +50,9 @@ def test_too_few_scenes_are_an_error_that_says_how_many_are_needed():
 
 def test_frames_of_a_scene_are_fitted_or_held_out_together():
     scene = np.repeat(np.arange(7), 3)
-    for fitted in folds(scene, 3):
+    for in_fit in folds(scene, 3):
         for u in range(7):
-            assert len(set(fitted[scene == u])) == 1
+            assert len(set(in_fit[scene == u])) == 1
     assert (folds(scene, 3) == 0).sum(0).tolist() == [1] * 21
 
 

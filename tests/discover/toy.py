@@ -50,10 +50,10 @@ def device(*trees):
 
 
 def judged_toy(gain: float = 0.0):
-    """(null problem, fitted, scene) of nine toy frames, six of which find."""
+    """(null problem, in_fit, scene) of nine toy frames, six of which find."""
     scan, measured = device(*toy(frames=9, gain=gain))
     frames = np.arange(9)
     ev = gather(scan, measured, frame=frames, column=np.broadcast_to(np.arange(0, 60, 2), (9, 30)), scene=frames)
-    fitted = (frames < 6).astype(np.float32)
+    in_fit = (frames < 6).astype(np.float32)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        return fit_null(scan, ev, fitted)[0], fitted, frames
+        return fit_null(scan, ev, in_fit)[0], in_fit, frames

@@ -29,37 +29,23 @@ def normals(
 ) -> Triple:
     """Unit normals, outward, by the codes and solids of `raycast`, the places, and where these are a kerb's face."""
 
-    fields = {"code": code, "solid": solid, "at": at, "kerb": kerb}
-    return in_blocks(lambda block: _by_kind(solids, street, **block), fields)
+    def by_kind(*, code: Int[Array, "*r"], solid: Int[Array, "*r"], at: Triple, kerb: Bool[Array, "*r"]) -> Triple:
+        # The code of a hit with a polyhedron is the number of its plane among all of them.
+        plane = jnp.where((code >= 0) & (code < POLYHEDRA * FACES), code, 0)
+        face = each(lambda i: solids.planes[:, :, i].reshape(-1)[plane])
+        curved = (solid >= POLYHEDRA) & (solid < GROUND)
+        smooth = when(curved, partial(_round_normal, solids), solid, at)
+        leafy = when(curved & (solid >= POLYHEDRA + ROUNDS), _leafy, smooth, at)
+        ground = when(kerb, lambda at, kerb: ground_normal(street, at[0], at[1], face=kerb), at, kerb)
 
+        def component(i: int) -> Float[Array, "*r"]:
+            normal = jnp.where(solid >= POLYHEDRA + ROUNDS, leafy[i], smooth[i])
+            flat = jnp.where(kerb, ground[i], 1.0 if i == 2 else 0.0)
+            return jnp.where(solid >= GROUND, flat, jnp.where(solid < POLYHEDRA, face[i], normal))
 
-def _by_kind(
-    solids: Solids,
-    street: Street,
-    *,
-    code: Int[Array, "*r"],
-    solid: Int[Array, "*r"],
-    at: Triple,
-    kerb: Bool[Array, "*r"],
-) -> Triple:
-    face = _face_normal(solids, code)
-    curved = (solid >= POLYHEDRA) & (solid < GROUND)
-    smooth = when(curved, partial(_round_normal, solids), solid, at)
-    leafy = when(curved & (solid >= POLYHEDRA + ROUNDS), _leafy, smooth, at)
-    ground = when(kerb, lambda at, kerb: ground_normal(street, at[0], at[1], face=kerb), at, kerb)
+        return each(component)
 
-    def component(i: int) -> Float[Array, "*r"]:
-        normal = jnp.where(solid >= POLYHEDRA + ROUNDS, leafy[i], smooth[i])
-        flat = jnp.where(kerb, ground[i], 1.0 if i == 2 else 0.0)
-        return jnp.where(solid >= GROUND, flat, jnp.where(solid < POLYHEDRA, face[i], normal))
-
-    return each(component)
-
-
-def _face_normal(solids: Solids, code: Int[Array, "*r"]) -> Triple:
-    # The code of a hit with a polyhedron is the number of its plane among all of them.
-    plane = jnp.where((code >= 0) & (code < POLYHEDRA * FACES), code, 0)
-    return each(lambda i: solids.planes[:, :, i].reshape(-1)[plane])
+    return in_blocks(lambda block: by_kind(**block), {"code": code, "solid": solid, "at": at, "kerb": kerb})
 
 
 def _round_normal(solids: Solids, solid: Int[Array, "*r"], at: Triple) -> Triple:

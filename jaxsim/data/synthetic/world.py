@@ -161,7 +161,9 @@ class SyntheticWorld:
         time_s = FRAME_S * (index % FRAMES_PER_DRIVE)
         curvature = float(drive.street.curvature)
         position, heading = poses_at(drive.things, curvature, time_s)
-        solids, corners = in_world(drive.parts, position, heading, instance=_instances(drive))
+        # A labelled thing's number + 1; houses and trees have none.
+        instance = np.array([i + 1 if thing.kind else 0 for i, thing in enumerate(drive.things)], np.int64)
+        solids, corners = in_world(drive.parts, position, heading, instance=instance)
         spot, turn = along_street(curvature, np.array([drive.ego_speed_mps * time_s]), np.array([drive.ego_aside_m]))
         # By the frame's number alone: frames may be rendered in any order, by any process.
         pitch, roll, yaw = np.random.default_rng([self.seed, index, 1]).normal(0.0, PITCH_RAD, 3)
@@ -232,11 +234,6 @@ class SyntheticWorld:
 @lru_cache(maxsize=4)
 def _drive(seed: int, drive: int, streets: str) -> Drive:
     return lay_out(seed, drive, streets)
-
-
-def _instances(drive: Drive) -> Int[np.ndarray, " things"]:
-    """A labelled thing's number + 1; houses and trees have none."""
-    return np.array([i + 1 if thing.kind else 0 for i, thing in enumerate(drive.things)], np.int64)
 
 
 def kitti_camera(image_size: tuple[int, int] = KITTI_SIZE) -> Camera:

@@ -104,16 +104,16 @@ def curve_form(
     clearly gains more: as much more as a free curve must gain over named effects (`Rules.curve_factor`)."""
     form = Form.of(problem, dependence, curve)
     least = RULES.curve_factor * curve.total + RULES.curve_margin_nats
-    for one in crossed:
-        names = tuple(one.covariate.split(" x "))
-        if one.channel != dependence.channel or dependence.covariate not in names or set(names) & set(TABLES):
+    for product in crossed:
+        names = tuple(product.covariate.split(" x "))
+        if product.channel != dependence.channel or dependence.covariate not in names or set(names) & set(TABLES):
             continue
         bare, candidate = _product(problem, dependence.channel, names)
         # Scene by scene as well: a few scenes could make the total.
         better = p_value(clipped(candidate.by_scene - curve.by_scene)) <= RULES.alike_level
         if agreed(candidate, bar) and candidate.total > least and better:
             size = len(bare.values)
-            heights = [np.asarray(to_values(candidate.effect, one.z)["height"])[:size] for one in candidate.fits]
+            heights = [np.asarray(to_values(candidate.effect, fit.z)["height"])[:size] for fit in candidate.fits]
             form, least = Form(bare, np.eye(size, dtype=np.float32), np.mean(heights, axis=0)), candidate.total
     return form
 
@@ -121,8 +121,8 @@ def curve_form(
 def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Learned, Candidate]:
     """The product of two covariates' hat functions, fitted and judged like a free curve."""
     x = [values_along(problem, name) for name in names]
-    knots = [np.unique(np.quantile(one, np.linspace(0, 1, RULES.interaction_knots))) for one in x]
-    weights = [hats(one, at) for one, at in zip(x, knots, strict=True)]
+    knots = [np.unique(np.quantile(values, np.linspace(0, 1, RULES.interaction_knots))) for values in x]
+    weights = [hats(values, at) for values, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])
     tried = with_columns(problem, (weights[0][:, :, None] * weights[1][:, None, :]).reshape(-1, size))
     [candidate] = rank_effects(tried, [CURVES[channel]], null=problem.null_fits)
@@ -154,7 +154,7 @@ def leaves_nothing(null: Problem, curve: tuple[Dependence, Candidate], effects: 
     start = to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1])
     [law] = refit(null, [form.law], [start])
     beside = refitted(in_place(null, [(law.effect, law.fit.z)]))
-    return not any(one.accepted(bar) for one in rank_effects(beside, effects, bar=bar))
+    return not any(candidate.accepted(bar) for candidate in rank_effects(beside, effects, bar=bar))
 
 
 def _plain(numbers: Float[np.ndarray, " k"]) -> Numbers:

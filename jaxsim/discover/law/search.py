@@ -96,7 +96,8 @@ class Shape:
 
 def formula_shapes(variables: Sequence[Variable]) -> list[Shape]:
     """All formulas of the grammar."""
-    shapes = [shape for one in variables if len(np.unique(one.x)) >= RULES.law_fewest_knots for shape in _of_one(one)]
+    wide = [variable for variable in variables if len(np.unique(variable.x)) >= RULES.law_fewest_knots]
+    shapes = [shape for variable in wide for shape in _of_one(variable)]
     if len(variables) == 2:
         a, b = variables
         unit = " · ".join(filter(None, (a.unit, b.unit)))
@@ -231,11 +232,11 @@ def search(
     parameters = formula_parameters(shape, fits, unit=unit)
     return ClosedLaw(
         channel=channel,
-        covariates=tuple(one.name for one in variables if one.name in shape.expression),
+        covariates=tuple(variable.name for variable in variables if variable.name in shape.expression),
         formula=formula_text(shape, parameters),
         expression=shape.expression,
         parameters=parameters,
-        limits={one.name: (float(one.x.min()), float(one.x.max())) for one in variables},
+        limits={variable.name: (float(variable.x.min()), float(variable.x.max())) for variable in variables},
         nodes=shape.nodes,
         held_out_nats=worth + RULES.law_price_nats * shape.nodes,
         share=1 - unexplained,
@@ -255,7 +256,7 @@ def fit_shape(shape: Shape, curves: _Curves, root: Float[np.ndarray, " n"]) -> S
         constant = _golden(shape, y, root, a=grid[np.maximum(pick - 1, 0)], b=grid[np.minimum(pick + 1, len(grid) - 1)])
     design = _with_level(shape.columns(constant))
     linear = np.stack([
-        np.linalg.lstsq(one * root[:, None], curve, rcond=None)[0] for one, curve in zip(design, y, strict=True)
+        np.linalg.lstsq(columns * root[:, None], curve, rcond=None)[0] for columns, curve in zip(design, y, strict=True)
     ])  # fmt: skip
     return ShapeFits(constant, linear, np.einsum("tnm,tm->tn", design, linear))
 

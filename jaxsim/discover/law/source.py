@@ -53,7 +53,7 @@ def check_law(law: ClosedLaw, variables: dict[str, str]) -> None:
         low, high = law.limits.get(name, (1.0, 0.0))
         if not low <= high:
             raise ValueError(f"limits of {name} are missing, or do not rise")
-    numbers = [n for one in law.parameters.values() for n in (one.value, one.low, one.high)]
+    numbers = [n for parameter in law.parameters.values() for n in (parameter.value, parameter.low, parameter.high)]
     if (np.abs([*numbers, *np.ravel([*law.limits.values()]), law.held_out_nats, law.share]) > MOST_VALUE).any():
         raise ValueError(f"a number is beyond {MOST_VALUE:g}")
     if not _FOR_PEOPLE.fullmatch(law.formula) or len(law.formula) > LONGEST:
@@ -81,7 +81,7 @@ def _allowed(node: ast.expr, names: Collection[str]) -> bool:
     match node:
         case ast.BinOp(left=left, op=op):
             # A power of a mere number could take for ever.
-            variable = any(isinstance(one, ast.Name) for one in ast.walk(left))
+            variable = any(isinstance(part, ast.Name) for part in ast.walk(left))
             return isinstance(op, _OPERATIONS) and (variable or not isinstance(op, ast.Pow))
         case ast.UnaryOp(op=ast.USub()):
             return True
@@ -140,9 +140,9 @@ def _source(law: ClosedLaw, name: str) -> str:
     edit = EDITS[law.channel]
     variables = "\n".join(_variable(covariate, law) for covariate in law.covariates)
     parameters = "\n".join(_parameter(law, key) for key in law.parameters)
-    starts = {key: float(f"{one.value:.6g}") for key, one in law.parameters.items() if key != "level"}
-    reported = tuple(dict.fromkeys(NAMED.get(one, one) for one in law.covariates))
-    along = " and ".join(NAMED.get(one, one) for one in law.covariates)
+    starts = {key: float(f"{parameter.value:.6g}") for key, parameter in law.parameters.items() if key != "level"}
+    reported = tuple(dict.fromkeys(NAMED.get(covariate, covariate) for covariate in law.covariates))
+    along = " and ".join(NAMED.get(covariate, covariate) for covariate in law.covariates)
     title = f"{law.channel} follows {along}"
     formula = f"{CHANGE_OF[law.channel]}; change = {law.expression}"
     signature = f"Residuals of {law.channel} along {along} follow the formula."
@@ -204,20 +204,20 @@ def _code(law: ClosedLaw) -> str:
 def _parameter(law: ClosedLaw, name: str) -> str:
     """A row of the effect's parameters: without size and level it does nothing; other numbers stay near what was
     found."""
-    one = law.parameters[name]
-    half = (one.high - one.low) / 2
-    scale = max(abs(one.value), half, 1e-6)
+    parameter = law.parameters[name]
+    half = (parameter.high - parameter.low) / 2
+    scale = max(abs(parameter.value), half, 1e-6)
     if name in ("size", "level"):
         bounds, meaning = (0.0, -10 * scale, 10 * scale), f"{name} of the change"
     elif name == "phase":
-        bounds, meaning = (one.value, one.value - 4.0, one.value + 4.0), name
+        bounds, meaning = (parameter.value, parameter.value - 4.0, parameter.value + 4.0), name
         scale = 0.5
     else:
         # Its sign stays, for a period or a scale must not go through 0.
-        bounds, meaning = (one.value, *sorted([one.value / 2, 2 * one.value])), name
-        scale = abs(one.value) / 4
+        bounds, meaning = (parameter.value, *sorted([parameter.value / 2, 2 * parameter.value])), name
+        scale = abs(parameter.value) / 4
     # The gain takes a level of intensities up; a place of a step has no derivative.
     fitted = not (name == "edge" or (name == "level" and law.channel == "intensity"))
     numbers = ", ".join(f"{number:.6g}" for number in bounds)
     not_fitted = "" if fitted else ", fitted=False"
-    return f"        {name!r}: Parameter({numbers}, {one.unit!r}, {meaning!r}, scale={scale:.6g}{not_fitted}),"
+    return f"        {name!r}: Parameter({numbers}, {parameter.unit!r}, {meaning!r}, scale={scale:.6g}{not_fitted}),"

@@ -109,8 +109,8 @@ def seeing(chosen: Blocks, hidden: Bool[np.ndarray, " n"]) -> Blocks:
     column = chosen.column.copy()
     wanted = np.flatnonzero(hidden)
     for b in np.flatnonzero(~hidden[column].any(1)) if len(wanted) and chosen.sectors == 1 else ():
-        one = wanted[b % len(wanted)]
-        column[b, np.abs(column[b] - one).argmin()] = one
+        wanted_column = wanted[b % len(wanted)]
+        column[b, np.abs(column[b] - wanted_column).argmin()] = wanted_column
     return replace(chosen, column=column)
 
 

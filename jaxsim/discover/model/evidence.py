@@ -129,7 +129,7 @@ class Evidence:
 
     @property
     def all_blocks(self) -> Float[np.ndarray, " b"]:
-        """A mask that has every block fitted."""
+        """The mask `in_fit` that leaves no block out: 1 for each."""
         return np.ones(len(self.scene), np.float32)
 
     @property

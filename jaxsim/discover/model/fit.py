@@ -70,7 +70,7 @@ class Problem:
     @cached_property
     def null_fits(self) -> list[Fit]:
         """The null on each fold (`folds`)."""
-        return [fit_noise(self, fitted) for fitted in folds(np.asarray(self.ev.scene))]
+        return [fit_noise(self, in_fit) for in_fit in folds(np.asarray(self.ev.scene))]
 
 
 @dataclass(frozen=True)
@@ -103,11 +103,11 @@ class Objective:
     """Minus the log-likelihood of an effect's z and of the noise, as one vector x = ravel((z, noise)), with their
     priors."""
 
-    def __init__(self, effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"]):
+    def __init__(self, effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"]):
         self.effect, self.problem = effect, problem
         self.rows = problem.ev.rays.row.shape[-1]
         self.rays = replace(rays_for(effect, problem.ev), basis=problem.basis)
-        self.fitted = jax.device_put(fitted.astype(np.float32))
+        self.in_fit = jax.device_put(in_fit.astype(np.float32))
         self.channels, self.clutter = channels_of(effect), problem.clutter or effect.clutter
         neutral = (to_z(effect, {}, self.rows), problem.noise)
         self.first, self.restore = ravel(neutral), restorer(neutral)
@@ -143,8 +143,8 @@ class Objective:
             self.problem.ev,
             noise=noise,
             equations=self.problem.equations,
-            fitted=self.fitted,
-            counted=self.fitted if counted is None else counted,
+            in_fit=self.in_fit,
+            counted=self.in_fit if counted is None else counted,
             channels=self.channels,
             clutter=self.clutter,
         )
@@ -172,20 +172,20 @@ class Objective:
 def fit(
     effect: Law,
     problem: Problem,
-    fitted: Float[np.ndarray, " b"],
+    in_fit: Float[np.ndarray, " b"],
     *,
     starts: tuple[dict[str, Any], ...] | None = None,
     steps: int = CANDIDATE_STEPS,
     enough: float = ENOUGH,
     fixed: bool = False,
 ) -> Fit:
-    """Fits `effect` and the noise on the blocks with `fitted` 1, on top of what `problem.ev.rays` already say.
+    """Fits `effect` and the noise on the blocks with `in_fit` 1, on top of what `problem.ev.rays` already say.
 
     Begins at the best of `starts` (values; by default the effect's own and neutral); `fixed` keeps the effect there.
     """
-    objective = Objective(effect, problem, fitted)
+    objective = Objective(effect, problem, in_fit)
     tried = ({}, *effect.starts) if starts is None else starts
-    [start] = best_starts(effect, problem, tried, parts=fitted[None])
+    [start] = best_starts(effect, problem, tried, parts=in_fit[None])
     begin = objective.start(start)
     bounds = objective.bounds
     if fixed:
@@ -212,28 +212,28 @@ def best_starts(
     return [starts[k] for k in np.where(np.isfinite(of_parts), of_parts, -np.inf).argmax(-1)]
 
 
-def fit_noise(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Fit:
-    """Fits the noise alone: the null, on the blocks with `fitted` 1."""
-    return fit(NOTHING, problem, fitted, steps=NULL_STEPS, enough=NULL_ENOUGH)
+def fit_noise(problem: Problem, in_fit: Float[np.ndarray, " b"]) -> Fit:
+    """Fits the noise alone: the null, on the blocks with `in_fit` 1."""
+    return fit(NOTHING, problem, in_fit, steps=NULL_STEPS, enough=NULL_ENOUGH)
 
 
 def score_at(
-    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], *, z: dict[str, np.ndarray], noise: Noise
+    effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"], *, z: dict[str, np.ndarray], noise: Noise
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at given values, nothing fitted."""
-    _, likelihood = Objective(effect, problem, fitted).gradient(ravel((z, noise)))
+    _, likelihood = Objective(effect, problem, in_fit).gradient(ravel((z, noise)))
     return np.asarray(likelihood.blocks)
 
 
 def partway(
-    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], *, fit: Fit, share: float
+    effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"], *, fit: Fit, share: float
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at `share` of the way from `problem`'s null to a fit.
 
     The way is that of what the effect does to each ray, not of its parameters: a quarter of a distance or of a
     threshold may do nothing at all.
     """
-    objective = Objective(effect, problem, fitted)
+    objective = Objective(effect, problem, in_fit)
     neutral, _ = objective.restore(objective.first)
     before = effect_with_gradient(effect, neutral, objective.rays, scan=problem.scan)
     after = effect_with_gradient(effect, fit.z, objective.rays, scan=problem.scan)

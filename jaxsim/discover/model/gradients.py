@@ -80,18 +80,18 @@ def value_and_gradient(
     *,
     noise: Noise,
     equations: NormalEquations,
-    fitted: Float[Array, " b"],
+    in_fit: Float[Array, " b"],
     counted: Float[Array, " b"],
     channels: tuple[str, ...] = CHANNELS,
     clutter: bool = False,
 ) -> Gradient:
     """The likelihood of `ev` with its rays' fields replaced. Levels that frames share follow from the blocks with
-    `fitted` > 0; `value` counts those with `counted` > 0."""
+    `in_fit` > 0; `value` counts those with `counted` > 0."""
     # Two programs, for intensities need levels of all blocks and returns do not.
     parts: list[Gradient] = []
     if "intensity" in channels:
         parts.append(
-            _of_intensity(fields, constant, ev, noise=noise, equations=equations, fitted=fitted, counted=counted)
+            _of_intensity(fields, constant, ev, noise=noise, equations=equations, in_fit=in_fit, counted=counted)
         )
     if {"range", "drop"} & set(channels):
         parts.append(
@@ -117,11 +117,11 @@ def _of_intensity(
     *,
     noise: Noise,
     equations: NormalEquations,
-    fitted: Float[Array, " b"],
+    in_fit: Float[Array, " b"],
     counted: Float[Array, " b"],
 ) -> Gradient:
     def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
-        return _in_channel(0, intensity_by_block(rays, ev, noise, equations=equations, fitted=fitted))
+        return _in_channel(0, intensity_by_block(rays, ev, noise, equations=equations, in_fit=in_fit))
 
     return _gradient(by_block, fields, constant, ev=ev, noise=noise, counted=counted)
 

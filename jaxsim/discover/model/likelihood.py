@@ -71,11 +71,11 @@ def log_cauchy(d: Float[Array, "*n"], scale: float) -> Float[Array, "*n"]:
 
 
 def intensity_terms(
-    rays: Rays, ev: Evidence, noise: Noise, *, equations: NormalEquations, fitted: Float[Array, " b"]
+    rays: Rays, ev: Evidence, noise: Noise, *, equations: NormalEquations, in_fit: Float[Array, " b"]
 ) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
     """Log-density of each compared ray's ln I, 0 elsewhere; and what surfaces' levels cost each block, nats."""
     residual = ev.log_intensity - rays.log_intensity
-    explained, cost = reflectance(ev, equations, fitted, residual=residual)
+    explained, cost = reflectance(ev, equations, in_fit, residual=residual)
     unexplained = residual - explained
     # A lattice is uniform within a step of I; of ln I, the same over I. Below e^-7 no ray is compared.
     rounding = rays.intensity_step / math.sqrt(12) * jnp.exp(-jnp.clip(ev.log_intensity, -7.0, 0.0))
@@ -223,10 +223,10 @@ def of_columns(
 
 
 def intensity_by_block(
-    rays: Rays, ev: Evidence, noise: Noise, *, equations: NormalEquations, fitted: Float[Array, " b"]
+    rays: Rays, ev: Evidence, noise: Noise, *, equations: NormalEquations, in_fit: Float[Array, " b"]
 ) -> Float[Array, " b"]:
     """Log-likelihood of the intensities, what surfaces' reflectances cost taken off."""
-    terms, cost = intensity_terms(rays, ev, noise, equations=equations, fitted=fitted)
+    terms, cost = intensity_terms(rays, ev, noise, equations=equations, in_fit=in_fit)
     return terms.sum((1, 2)) - cost
 
 
@@ -244,12 +244,12 @@ def returns_by_block(
 
 @partial(jax.jit, static_argnames="clutter")
 def log_likelihood(
-    ev: Evidence, noise: Noise, *, equations: NormalEquations, fitted: Float[Array, " b"], clutter: bool
+    ev: Evidence, noise: Noise, *, equations: NormalEquations, in_fit: Float[Array, " b"], clutter: bool
 ) -> Float[Array, "b 3"]:
     """Log-likelihood of every block by channel (intensity, range, drop), of the rays as they stand: what
     `gradients.value_and_gradient` gives without derivatives."""
     range_, drop = returns_by_block(ev.rays, ev, noise, equations=equations, clutter=clutter)
-    intensity = intensity_by_block(ev.rays, ev, noise, equations=equations, fitted=fitted)
+    intensity = intensity_by_block(ev.rays, ev, noise, equations=equations, in_fit=in_fit)
     return jnp.stack([intensity, range_, drop], axis=-1)
 
 

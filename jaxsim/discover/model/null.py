@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Fit, Problem, fit, fit_noise, in_place
@@ -59,17 +59,17 @@ class Residuals(NamedTuple):
     """Where the two mean something."""
 
 
-def residuals(problem: Problem, fitted: Float[np.ndarray, " b"]) -> dict[str, Residuals]:
-    """The residuals of each channel; shared levels follow from the `fitted` blocks. z has standard deviation 1 where it
+def residuals(problem: Problem, in_fit: Float[np.ndarray, " b"]) -> dict[str, Residuals]:
+    """The residuals of each channel; shared levels follow from the `in_fit` blocks. z has standard deviation 1 where it
     counts."""
-    by_channel = _off_and_sd(problem, fitted.astype(np.float32))
+    by_channel = _off_and_sd(problem, in_fit.astype(np.float32))
     return {name: _standardised(*map(np.asarray, by_channel[name]), heavy_tails=name != "drop") for name in CHANNELS}
 
 
-def _off_and_sd(problem: Problem, fitted: Float[np.ndarray, " b"]) -> dict[str, tuple[Array, Array, Array]]:
+def _off_and_sd(problem: Problem, in_fit: Float[np.ndarray, " b"]) -> dict[str, tuple[Array, Array, Array]]:
     """How far each reading is off, its standard deviation, and whether it counts, by channel."""
     ev = problem.ev
-    off_i, off_r = conditional_residuals(ev, problem.equations, jnp.asarray(fitted))
+    off_i, off_r = conditional_residuals(ev, problem.equations, jnp.asarray(in_fit))
     sd_i, sd_r, p = residual_spread(ev, problem.noise)
     return {
         "intensity": (off_i, sd_i, ev.compared),
@@ -93,15 +93,15 @@ def _standardised(
 
 
 def standardised(
-    problem: Problem, fitted: Float[np.ndarray, " b"]
+    problem: Problem, in_fit: Float[np.ndarray, " b"]
 ) -> tuple[Rays, dict[str, tuple[Float[np.ndarray, "b c r"], Bool[np.ndarray, "b c r"]]]]:
     """Rays on the host; each channel's standardised residuals and where they count."""
     host = jax.tree.map(np.asarray, problem.ev.rays)
-    return host, {name: (one.z, one.counts) for name, one in residuals(problem, fitted).items()}
+    return host, {name: (residual.z, residual.counts) for name, residual in residuals(problem, in_fit).items()}
 
 
 def fit_null(
-    scan: Scan, ev: Evidence, fitted: Float[np.ndarray, " b"], *, clutter: bool = False
+    scan: Scan, ev: Evidence, in_fit: Float[np.ndarray, " b"], *, clutter: bool = False
 ) -> tuple[Problem, Fit]:
     """Fits noise scales, rates, reflectances and poses of the rays as they stand.
 
@@ -111,29 +111,29 @@ def fit_null(
     noise, residuals = START, first_residuals(ev)
     for _ in range(NULL_ROUNDS):
         problem = Problem(scan, ev, normal_equations(ev, noise, residuals), noise, clutter)
-        noise = fit_noise(problem, fitted).noise
-        residuals = conditional_residuals(ev, problem.equations, jnp.asarray(fitted, jnp.float32))
+        noise = fit_noise(problem, in_fit).noise
+        residuals = conditional_residuals(ev, problem.equations, jnp.asarray(in_fit, jnp.float32))
     problem = Problem(scan, ev, normal_equations(ev, noise, residuals), noise, clutter)
-    null = fit_noise(problem, fitted)
+    null = fit_noise(problem, in_fit)
     # Effects that cut by power see it as uncertain as it is.
     ev = with_power_spread(ev, null.noise, implied_level(ev, problem.equations))
     return replace(problem, ev=ev, noise=null.noise), null
 
 
-def reweighted(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Problem:
+def reweighted(problem: Problem, in_fit: Float[np.ndarray, " b"]) -> Problem:
     """Random effects weighed by the residuals that the problem itself leaves, not by those of its null."""
     # Weights follow from residuals and these from weights: the first round's are rough, the second's serve.
     raw = normal_equations(problem.ev, problem.noise, first_residuals(problem.ev))
-    off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
+    off = conditional_residuals(problem.ev, raw, jnp.asarray(in_fit))
     return replace(problem, equations=normal_equations(problem.ev, problem.noise, off))
 
 
 def on_evidence(
-    scan: Scan, ev: Evidence, null: Problem, *, effects: Chain, noise: Noise, fitted: Float[np.ndarray, " b"]
+    scan: Scan, ev: Evidence, null: Problem, *, effects: Chain, noise: Noise, in_fit: Float[np.ndarray, " b"]
 ) -> Problem:
     """The null model's problem on other evidence, with effects in place and the noise that they leave."""
     problem = Problem(scan, ev, null.equations, noise, null.clutter)
-    return reweighted(in_place(problem, effects, simulated=True), fitted)
+    return reweighted(in_place(problem, effects, simulated=True), in_fit)
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) ->
                 fit(effect, problem, problem.ev.all_blocks, starts=start, steps=ANSWER_STEPS, fixed=read)
                 for start in starts
             ]
-            result = min(fits, key=lambda one: one.loss)
+            result = min(fits, key=lambda result: result.loss)
             values[k] = result.z
             refits[k] = Refit(effect, problem, result)
     return tuple(refits[k] for k in range(len(effects)))
@@ -200,28 +200,14 @@ def implied_level(ev: Evidence, eq: NormalEquations) -> Float[np.ndarray, "b c r
     level = np.full(hit.shape, explained[compared].mean() if compared.any() else 0.0)
     # From coarse to fine: each group is off what the coarser ones say.
     for group in (np.asarray(ev.rays.semantic), np.asarray(ev.surface)[np.asarray(ev.strip)]):
-        level = level + _group_offset(
-            np.where(compared, explained, 0), np.where(compared, level, 0), compared, group=group
-        )
+        _, of = np.unique(group, return_inverse=True)
+        of = of.reshape(-1)
+        count = np.bincount(of, compared.reshape(-1))
+        total = np.bincount(of, np.where(compared, explained, 0).reshape(-1))
+        # Shrinkage: the mean of a group's own rays, as if FEW more had read what is known already.
+        expected = np.bincount(of, np.where(compared, level, 0).reshape(-1)) / np.maximum(count, 1)
+        level = level + ((total - count * expected) / (count + FEW))[of].reshape(group.shape)
     return np.where(hit, level, 0)
-
-
-def _group_offset(
-    value: Float[np.ndarray, "b c r"],
-    already: Float[np.ndarray, "b c r"],
-    counted: Bool[np.ndarray, "b c r"],
-    *,
-    group: Int[np.ndarray, "b c r"],
-) -> Float[np.ndarray, "b c r"]:
-    """How far each group's mean value is off what is known of it already; FEW rays' worth of the latter holds a
-    group of few rays there."""
-    _, of = np.unique(group, return_inverse=True)
-    of = of.reshape(-1)
-    total = np.bincount(of, value.reshape(-1))
-    count = np.bincount(of, counted.reshape(-1))
-    # Shrinkage: the mean of a group's own rays, as if FEW more had read what is known already.
-    expected = np.bincount(of, already.reshape(-1)) / np.maximum(count, 1)
-    return ((total - count * expected) / (count + FEW))[of].reshape(group.shape)
 
 
 def with_power_spread(ev: Evidence, noise: Noise, level: Float[np.ndarray, "b c r"] | None = None) -> Evidence:

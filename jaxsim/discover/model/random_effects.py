@@ -1,7 +1,7 @@
 """What streets, surfaces and frames have of their own: levels of reflectance and poses, in closed form.
 
 Random effects (Laird & Ware 1982): a level or a pose follows from the residuals of its own frame and from its prior,
-and costs what the prior asks. What scenes share (gain, classes, curvature) follows from the fitted scenes.
+and costs what the prior asks. What scenes share (gain, classes, curvature) follows from a fit's blocks (`in_fit` 1).
 
 ln I of ray i in block b, over the simulator's, is a normal mixed model with a weight w_i a ray:
 
@@ -150,11 +150,11 @@ class ReflectanceLevels:
 
 
 def reflectance(
-    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], *, residual: Float[Array, "b c r"]
+    ev: Evidence, eq: NormalEquations, in_fit: Float[Array, " b"], *, residual: Float[Array, "b c r"]
 ) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
-    """What class, gain, curvature and surface explain of `residual`, nats (the first three from `fitted` blocks), and
+    """What class, gain, curvature and surface explain of `residual`, nats (the first three from `in_fit` blocks), and
     what the streets' and surfaces' levels cost each block by their priors, nats of log-likelihood."""
-    levels = levels_of(ev, eq, fitted, residual=residual)
+    levels = levels_of(ev, eq, in_fit, residual=residual)
     cost = 0.5 / STREET_SD**2 * jnp.sum(levels.street**2, axis=-1)
     for groups, level in ((eq.strips, levels.strip), (eq.surfaces, levels.surface)):
         cost = cost + jax.ops.segment_sum(0.5 * groups.precision * level**2, groups.block, len(ev.scene))
@@ -162,12 +162,12 @@ def reflectance(
 
 
 def levels_of(
-    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], *, residual: Float[Array, "b c r"]
+    ev: Evidence, eq: NormalEquations, in_fit: Float[Array, " b"], *, residual: Float[Array, "b c r"]
 ) -> ReflectanceLevels:
-    """The levels that fit `residual` (nats) best, given their priors; shared ones from the `fitted` blocks."""
+    """The levels that fit `residual` (nats) best, given their priors; shared ones from the `in_fit` blocks."""
     strips, surfaces = eq.strips, eq.surfaces
     of_strip, of_surface, right = _sums(ev, eq, residual)
-    shared = _shared(ev, eq, fitted, right=right)
+    shared = _shared(ev, eq, in_fit, right=right)
     # Back substitution: street, then surface, then strip, each of what the ones before leave.
     street = einsum("bpq,bq->bp", eq.street, right - einsum("bpq,q->bp", eq.gram, shared))
     features = shared[None] + street
@@ -201,25 +201,25 @@ def _sums(
 
 
 def _shared(
-    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], *, right: Float[Array, "b p"]
+    ev: Evidence, eq: NormalEquations, in_fit: Float[Array, " b"], *, right: Float[Array, "b p"]
 ) -> Float[Array, " p"]:
-    """Coefficients of the features in the `fitted` blocks together, streets' levels taken out."""
+    """Coefficients of the features in the `in_fit` blocks together, streets' levels taken out."""
     # A Schur complement again: what a street's own level would explain says nothing of the shared one.
     gram = eq.gram - matmul(matmul(eq.gram, eq.street), eq.gram)
-    shared = matmul(fitted, right - einsum("bpq,bqs,bs->bp", eq.gram, eq.street, right))
-    shared = jnp.linalg.solve(einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
+    shared = matmul(in_fit, right - einsum("bpq,bqs,bs->bp", eq.gram, eq.street, right))
+    shared = jnp.linalg.solve(einsum("b,bpq->pq", in_fit, gram) + jnp.diag(ev.ridge), shared)
     # Gain and angles are free; only classes are held.
     classes = jnp.clip(shared[1 : -ev.after_kinds], -CLASS_MOST, CLASS_MOST)
     return jnp.concatenate([shared[:1], classes, shared[-ev.after_kinds :]])
 
 
 @jax.jit
-def shared_levels(ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"]) -> Float[Array, " p"]:
-    """Coefficient of each feature in the `fitted` blocks together: first ln of the overall gain, then ln of each kind's
+def shared_levels(ev: Evidence, eq: NormalEquations, in_fit: Float[Array, " b"]) -> Float[Array, " p"]:
+    """Coefficient of each feature in the `in_fit` blocks together: first ln of the overall gain, then ln of each kind's
     reflectance over the simulator's."""
     residual = ev.log_intensity - ev.rays.log_intensity
     _, _, right = _sums(ev, eq, residual)
-    return _shared(ev, eq, fitted, right=right)
+    return _shared(ev, eq, in_fit, right=right)
 
 
 def frame_poses(
@@ -255,12 +255,12 @@ def pose_shift(
 
 @jax.jit
 def conditional_residuals(
-    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"]
+    ev: Evidence, eq: NormalEquations, in_fit: Float[Array, " b"]
 ) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
     """Residuals of ln I (nats) and of the range (m) given the levels and poses that fit them best; 0 where they are
     not compared. (Of a mixed model, residuals less fixed and random effects.)"""
     residual_i = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
-    residual_i = residual_i - reflectance(ev, eq, fitted, residual=residual_i)[0]
+    residual_i = residual_i - reflectance(ev, eq, in_fit, residual=residual_i)[0]
     residual_r = jnp.where(ev.smooth, ev.range_m - ev.rays.reading_m, 0)
     shift, _ = pose_shift(ev, eq, ev.rays.reading_m, on=ev.smooth)
     return residual_i, jnp.where(ev.smooth, residual_r - shift, 0)

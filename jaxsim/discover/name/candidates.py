@@ -131,26 +131,26 @@ def rank_effects(
         at = None if step is None else ({next(iter(effect.parameters)): step},)
         starts = at or ({}, *effect.starts, *starts_read.get(effect.name, ()))
         begin = best_starts(effect, problem, starts, parts=masks)
-        for fitted, base, start, begun_at in zip(masks, null, problems, begin, strict=True):
-            result = fit(effect, start, fitted, starts=(begun_at,), fixed=at is not None)
+        for in_fit, base, start, begun_at in zip(masks, null, problems, begin, strict=True):
+            result = fit(effect, start, in_fit, starts=(begun_at,), fixed=at is not None)
             gained = np.zeros((len(scene), 3))
             gained[:, used] = (result.score - base.score)[:, used]
             if step is not None:
                 gained += rounding_gain(problem.ev, {effect.name: step})
-            inside.append(gained[fitted > 0].sum())
+            inside.append(gained[in_fit > 0].sum())
             # Each scene counts by the one fit that has not seen it.
-            gained[fitted > 0] = 0
+            gained[in_fit > 0] = 0
             begun = gained if at else np.zeros((len(scene), 3))
             if not at:
-                part = partway(effect, start, fitted, fit=result, share=RULES.direction_share)
+                part = partway(effect, start, in_fit, fit=result, share=RULES.direction_share)
                 begun[:, used] = (part - base.score)[:, used]
-                begun[fitted > 0] = 0
+                begun[in_fit > 0] = 0
             slope += np.bincount(scene, begun.sum(-1), scenes)
             if over_smooth is not None:
-                level = smoothed(effect, start, fitted, result=result)
-                level_part = partway(effect, start, fitted, fit=level, share=RULES.direction_share)
+                level = smoothed(effect, start, in_fit, result=result)
+                level_part = partway(effect, start, in_fit, fit=level, share=RULES.direction_share)
                 for k, rough in enumerate((result.score - level.score, part - level_part)):
-                    over_smooth[k] += np.bincount(scene, np.where(fitted > 0, 0, rough[:, used].sum(-1)), scenes)
+                    over_smooth[k] += np.bincount(scene, np.where(in_fit > 0, 0, rough[:, used].sum(-1)), scenes)
             gain += np.stack([np.bincount(scene, gained[:, k], scenes) for k in range(3)], axis=-1)
             fits.append(result)
             if len(fits) == 1 and inside[0] < RULES.hopeless_share * bar and gain.sum(-1).clip(0).sum() < bar:
@@ -184,9 +184,9 @@ def smooth(numbers: Float[np.ndarray, " r"]) -> Float[np.ndarray, " r"]:
     return result
 
 
-def smoothed(effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], *, result: Fit) -> Fit:
+def smoothed(effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"], *, result: Fit) -> Fit:
     """A fit with the beams' numbers made smooth, and what it scores."""
     kinds = fitted_parameters(effect)
     z = {name: smooth(value) if kinds[name].shape == "row" else value for name, value in result.z.items()}
     z = {name: np.asarray(value, np.float32) for name, value in z.items()}
-    return replace(result, z=z, score=score_at(effect, problem, fitted, z=z, noise=result.noise))
+    return replace(result, z=z, score=score_at(effect, problem, in_fit, z=z, noise=result.noise))

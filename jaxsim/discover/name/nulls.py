@@ -80,8 +80,8 @@ def run_nulls(
 
 
 def _strongest(candidates: Iterable[Candidate]) -> Candidate | None:
-    good = [one for one in candidates if one.total > 0]
-    return max(good, key=lambda one: one.total) if good else None
+    good = [candidate for candidate in candidates if candidate.total > 0]
+    return max(good, key=lambda candidate: candidate.total) if good else None
 
 
 def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
@@ -101,7 +101,10 @@ def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
 
 def _with_readings(ev: Evidence, rays: Rays, key: Array, *, zeros: bool) -> Evidence:
     """The evidence with one draw of what these rays may say; `zeros`: light below the lowest reading reads 0."""
-    image = sample(key, _as_images(rays))
+    # Blocks of columns (b, c, r) as images (b, r, c), which `sample` draws.
+    leaves = {f.name: getattr(rays, f.name) for f in fields(Rays)}
+    turned = {n: jnp.swapaxes(x, 1, 2) if getattr(x, "ndim", 0) >= 3 else x for n, x in leaves.items()}
+    image = sample(key, Rays(**turned))
     drawn_m = jnp.swapaxes(image.range_m, -1, -2)
     drawn = jnp.swapaxes(image.intensity, -1, -2)
     returned = jnp.swapaxes(image.valid, -1, -2)
@@ -184,9 +187,9 @@ def _readings(
 def _one_beside(rays: Rays, rng: np.random.Generator) -> tuple[Float[np.ndarray, "b c r"], Bool[np.ndarray, "b c r"]]:
     """The range of one of the four neighbours, by chance, and whether that hits anything (0 m where not)."""
     beside = np.asarray(rays.beside_m)
-    one = np.take_along_axis(beside, rng.integers(0, 4, (*beside.shape[:-1], 1)), axis=-1)[..., 0]
-    finite = np.isfinite(one)
-    return np.where(finite, one, 0), finite
+    neighbour_m = np.take_along_axis(beside, rng.integers(0, 4, (*beside.shape[:-1], 1)), axis=-1)[..., 0]
+    finite = np.isfinite(neighbour_m)
+    return np.where(finite, neighbour_m, 0), finite
 
 
 def _correlated(rng: np.random.Generator, covariance: Float[np.ndarray, "b k k"]) -> Float[np.ndarray, "b k"]:
@@ -199,9 +202,3 @@ def _correlated(rng: np.random.Generator, covariance: Float[np.ndarray, "b k k"]
 
 def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     return rng.standard_normal(shape, np.float32)
-
-
-def _as_images(rays: Rays) -> Rays:
-    """Rays of blocks of columns (b, c, r) as images (b, r, c), which `sample` draws."""
-    one = {f.name: getattr(rays, f.name) for f in fields(Rays)}
-    return Rays(**{n: jnp.swapaxes(x, 1, 2) if getattr(x, "ndim", 0) >= 3 else x for n, x in one.items()})

@@ -76,8 +76,8 @@ class OtherSides:
         """Whether a law with the values that a candidate was fitted to `there` is found here as well; both problems are
         those of nulls, whose rays may carry a basis."""
         # The values stay as they are: only the noise is fitted to these sides.
-        fitted = here.ev.all_blocks
-        placed = fit(law, here, fitted, starts=(values,), fixed=True)
+        in_fit = here.ev.all_blocks
+        placed = fit(law, here, in_fit, starts=(values,), fixed=True)
         used = [CHANNELS.index(name) for name in channels_of(law) if name in self.channels]
 
         def by_scene(score: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " s"]:
@@ -93,7 +93,7 @@ class OtherSides:
         if self.why != CONTROL or of.sudden or law.name in FINEST:
             return False
         begun = replace(here, noise=self.fit.noise)
-        slope = by_scene(partway(law, begun, fitted, fit=placed, share=RULES.direction_share))
+        slope = by_scene(partway(law, begun, in_fit, fit=placed, share=RULES.direction_share))
         return not clearly_more(of.slope / rays_of(there), slope / rays_of(here))
 
     def has(self, step: FittedStep, there: Problem) -> bool:
@@ -110,16 +110,16 @@ class OtherSides:
             return False
         name = along.covariate
         known = values_along(fitted_to, name)
-        fits = [np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits]
+        fits = [np.asarray(to_values(curve.effect, of_fold.z)["height"]) for of_fold in curve.fits]
         height = fixed_basis(known, name) @ np.mean(fits, axis=0)
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
         order = np.argsort(known, kind="stable")
         column = np.interp(values_along(self.null.problem, name), known[order], height[order])
         problem = with_columns(self.null.problem, column[:, None].astype(np.float32))
         effect = CURVES[along.change]
-        one = np.zeros_like(fits[0])
-        one[0] = 1.0
-        return self.shows(effect, {"height": one}, curve, there=fitted_to, here=problem)
+        unit = np.zeros_like(fits[0])
+        unit[0] = 1.0
+        return self.shows(effect, {"height": unit}, curve, there=fitted_to, here=problem)
 
 
 def clearly_more(there: Float[np.ndarray, " s"], here: Float[np.ndarray, " t"]) -> bool:

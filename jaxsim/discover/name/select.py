@@ -92,8 +92,8 @@ def runner_up(steps: Sequence[Step[C]]) -> C | None:
     if not steps:
         return None
     # A look-alike would close the gap as the named effect does, and be no placebo for it.
-    taken = {one.effect.plain_name for step in steps for one in (step.chosen, *step.alike)}
-    return next((one for one in steps[0].ranking if one.effect.name not in taken), None)
+    taken = {candidate.effect.plain_name for step in steps for candidate in (step.chosen, *step.alike)}
+    return next((candidate for candidate in steps[0].ranking if candidate.effect.name not in taken), None)
 
 
 @dataclass(frozen=True)
@@ -243,14 +243,14 @@ def add_steps(
         # What is refused once stays out: the next best may be another matter altogether.
         while step and refuse and (why := refuse(step)):
             refused[step.chosen.effect.name] = why
-            step = first_step(problem, [one for one in ranking if one.effect.name not in refused], bars)
+            step = first_step(problem, [c for c in ranking if c.effect.name not in refused], bars)
         if step is None:
             k = needless(null, steps, bars, log=log)
             if k is None:
                 return Choice(tuple(steps), tuple(ranking), problem, bars, refused)
             gone, rest = steps[k], [e for e in catalogue if e.name != steps[k].chosen.effect.name]
             # Beside nothing the ranking is as it was; else what stands before was fitted beside what is gone.
-            known = [one for one in gone.ranking if one is not gone.chosen] if k == 0 else None
+            known = [candidate for candidate in gone.ranking if candidate is not gone.chosen] if k == 0 else None
             before = together(null, steps[:k]) if k else []
             choice = add_steps(null, rest, before, ranking=known, bars=bars, refuse=refuse, log=log)
             return replace(choice, needless=(gone.chosen.effect.name, *choice.needless))
@@ -282,10 +282,10 @@ def fitted_step(
     problem: Problem, best: Candidate, *, ranking: Sequence[Candidate], good: Sequence[Candidate]
 ) -> FittedStep:
     """A candidate fitted to all find scenes, and its look-alikes among the `good` ones that gain no more."""
-    others = [one for one in good if one is not best and one.total <= best.total]
-    alike = tuple(c for c in others if not worse(c, best) and not much_richer(c, best))
+    no_better = [candidate for candidate in good if candidate is not best and candidate.total <= best.total]
+    alike = tuple(c for c in no_better if not worse(c, best) and not much_richer(c, best))
     # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.
-    starts = tuple(to_values(best.effect, one.z) for one in best.fits)
+    starts = tuple(to_values(best.effect, of_fold.z) for of_fold in best.fits)
     result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts, fixed=best.effect.name in FINEST)
     return FittedStep(best, alike, tuple(ranking), result)
 
@@ -295,8 +295,8 @@ def needless(null: Problem, steps: Sequence[FittedStep], bars: Bars, *, log: Log
     came later. None where all are needed."""
     # The last was accepted with all others in place, fitted beside one another.
     for k, step in enumerate(steps[:-1]):
-        others = [other for other in steps if other is not step]
-        [again] = rank_effects(with_steps(null, together(null, others)), [step.chosen.effect])
+        rest = [other for other in steps if other is not step]
+        [again] = rank_effects(with_steps(null, together(null, rest)), [step.chosen.effect])
         if not again.accepted(bars.effect):
             log(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
             return k
@@ -307,7 +307,7 @@ def together(null: Problem, steps: Sequence[FittedStep]) -> list[FittedStep]:
     """The steps with their effects fitted beside one another: what the first took up that is the next one's would
     else be left for a third to mend."""
     again = refit(null, [step.chosen.effect for step in steps], [step.fit.z for step in steps])
-    return [replace(step, fit=one.fit) for step, one in zip(steps, again, strict=True)]
+    return [replace(step, fit=fitted.fit) for step, fitted in zip(steps, again, strict=True)]
 
 
 def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:

@@ -54,22 +54,22 @@ def free_curves(
     are left out; `bar` is that of `rank_effects`."""
     null = problem.null_fits
 
-    def one(dependence: Dependence) -> tuple[Dependence, Candidate]:
+    def curve_along(dependence: Dependence) -> tuple[Dependence, Candidate]:
         with_curve = with_basis(problem, dependence.covariate)
         [candidate] = rank_effects(with_curve, [CURVES[dependence.change]], null=null, bar=bar)
         return dependence, candidate
 
     tried: list[Dependence] = []
     for channel in [name for name in CHANNELS if name not in without]:
-        strongest = [one for one in dependences if one.channel == channel][: RULES.curves_tried]
-        names = {one.covariate for one in strongest}
+        strongest = [dependence for dependence in dependences if dependence.channel == channel][: RULES.curves_tried]
+        names = {dependence.covariate for dependence in strongest}
         untried = [Dependence(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in names]
-        tried += [*strongest, *(one for one in untried if _varies(problem, one.covariate))]
+        tried += [*strongest, *(dependence for dependence in untried if _varies(problem, dependence.covariate))]
         if channel == "intensity":
             banks = dict.fromkeys(bank for name in names for bank in BANKS.get(name, ()))
             tried += [Dependence(channel, bank, 1.0, 0.0, 0.0, adds=True) for bank in banks]
     with ThreadPoolExecutor(THREADS) as pool:
-        return sorted(pool.map(one, tried), key=lambda pair: -pair[1].total)
+        return sorted(pool.map(curve_along, tried), key=lambda pair: -pair[1].total)
 
 
 def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
@@ -138,7 +138,7 @@ def written_down(problem: Problem, dependence: Dependence, curve: Candidate) -> 
         knots = np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
     # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
     basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
-    numbers = np.stack([np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits])
+    numbers = np.stack([np.asarray(to_values(curve.effect, of_fold.z)["height"]) for of_fold in curve.fits])
     return Written(x, knots, basis, numbers)
 
 

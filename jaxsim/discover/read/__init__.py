@@ -88,53 +88,53 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     Raises ValueError where the grids differ, no names are shared, values have wrong units, frames are empty or most do
     not show the same street, rasters are given for some frames only, or both folders hold the same readings.
     """
-    return _read_pairs(Path(simulated), Path(measured), left_out={})
+    return _read_pairs(open_polar_frames(Path(simulated)), open_polar_frames(Path(measured)), left_out={})
 
 
-def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str]) -> Comparison:
+def _read_pairs(simulated: PolarFrames, measured: PolarFrames, *, left_out: Mapping[str, str]) -> Comparison:
     """Reads the frames that two folders share, but for those that are `left_out`, which says why, by name."""
-    predicted = open_polar_frames(simulated)
-    recorded = open_polar_frames(measured)
-    grid = predicted.grid
-    checks.check_one_grid(predicted, recorded)
-    names = sorted(({*predicted.names} & {*recorded.names}) - {*left_out})
+    grid = simulated.grid
+    checks.check_one_grid(simulated, measured)
+    names = sorted(({*simulated.names} & {*measured.names}) - {*left_out})
     if not names:
         raise ValueError(
-            f"discover: no frame of {simulated} ({', '.join(predicted.names[:3])} ...) has the name of one of "
-            f"{measured} ({', '.join(recorded.names[:3])} ...); frames of the same name are compared"
+            f"discover: no frame of {simulated.folder} ({', '.join(simulated.names[:3])} ...) has the name of one of "
+            f"{measured.folder} ({', '.join(measured.names[:3])} ...); frames of the same name are compared"
         )
     shared = names
-    names = thin_frames(names, [scene_of(name, predicted, recorded) for name in names], grid=grid)
+    names = thin_frames(names, [scene_of(name, simulated, measured) for name in names], grid=grid)
     read = {*names}
-    images, sensed, extra = _read(names, predicted, recorded)
-    sides = dict(zip(names, images, strict=True)), dict(zip(names, sensed, strict=True))
+    simulated_images, measured_images, rasters = _read(names, simulated, measured)
+    sides = dict(zip(names, simulated_images, strict=True)), dict(zip(names, measured_images, strict=True))
     # Some may be alike, where nothing is in reach of the sensor.
-    checks.check_no_copies(predicted, recorded, sides=sides, allowed=len(names) - 1)
-    about = _about(names, predicted, recorded)
+    checks.check_no_copies(simulated, measured, sides=sides, allowed=len(names) - 1)
+    about = _about(names, simulated, measured)
     # Times count from the recording's first frame, whether it is read or not: so does what simulates with the answer.
-    first_s = min(float(fact.get("time", 0.0)) for fact in _about(shared, predicted, recorded))
-    rest = Rest(predicted, recorded, tuple(name for name in shared if name not in read), first_s=first_s)
-    scenes = [scene_of(name, predicted, recorded) for name in names]
-    scan = _counted_from(first_s, scan_of(grid, images, extra, about=about), about)
-    recording = _measured(sensed)
+    first_s = min(float(fact.get("time", 0.0)) for fact in _about(shared, simulated, measured))
+    rest = Rest(simulated, measured, tuple(name for name in shared if name not in read), first_s=first_s)
+    scenes = [scene_of(name, simulated, measured) for name in names]
+    scan = _counted_from(first_s, scan_of(grid, simulated_images, rasters, about=about), about)
+    measured_rays = _measured(measured_images)
     # Before anything is compared: sides that stand apart would fail every check for other reasons.
-    registration = register(scan, recording.range_m, recording.valid, scenes=scenes)
-    if no_pairs := checks.check_pairs(names, images, sensed, registered=registration):
+    registration = register(scan, measured_rays.range_m, measured_rays.valid, scenes=scenes)
+    if no_pairs := checks.check_pairs(names, simulated_images, measured_images, registered=registration):
         # What was asked with them (where the sensor stands, which frames are read) is asked again without them.
         return _read_pairs(simulated, measured, left_out={**left_out, **no_pairs})
-    checks.all_or_none(simulated, names, extra)
+    checks.all_or_none(simulated.folder, names, rasters)
     notes = [*(f"left out: {why}" for _, why in sorted(left_out.items()))]
-    notes += [*checks.unpartnered(predicted.names, recorded.names), *checks.constant_intensity(images, sensed)]
+    notes += [
+        *checks.unpartnered(simulated.names, measured.names),
+        *checks.constant_intensity(simulated_images, measured_images),
+    ]
     if rest.names:
         notes.append(
             f"{len(names)} of {len(shared)} frames were compared, spread evenly over {len(set(scenes))} scenes"
         )
     for name in names:
-        ours = predicted.about.get(name, {})
-        theirs = recorded.about.get(name, {})
-        if "scene" in ours and "scene" in theirs and ours["scene"] != theirs["scene"]:
+        scene, other = [side.about.get(name, {}).get("scene") for side in (simulated, measured)]
+        if None not in (scene, other) and scene != other:
             raise ValueError(
-                f"discover: {name} is of scene {ours['scene']!r} in {simulated}, of {theirs['scene']!r} in {measured}; "
+                f"discover: {name} is of scene {scene!r} in {simulated.folder}, of {other!r} in {measured.folder}; "
                 "frames of the same name must be a pair"
             )
     if registration.early_or_late:
@@ -146,7 +146,7 @@ def _read_pairs(simulated: Path, measured: Path, *, left_out: Mapping[str, str])
         scan = replace(scan, speed_mps=np.array([speeds[scene] for scene in scenes], np.float32))
     return Comparison(
         scan=scan,
-        measured=recording,
+        measured=measured_rays,
         names=tuple(names),
         scenes=tuple(scenes),
         notes=(*notes, *checks.sceneless(names, about)),
@@ -161,16 +161,16 @@ def read_part(rest: Rest, names: Sequence[str], like: Comparison) -> Comparison:
 
     Raises ValueError for frames that are empty or in wrong units.
     """
-    images, sensed, extra = _read(names, rest.simulated, rest.measured)
-    checks.all_or_none(rest.simulated.folder, names, extra)
+    simulated_images, measured_images, rasters = _read(names, rest.simulated, rest.measured)
+    checks.all_or_none(rest.simulated.folder, names, rasters)
     scenes = tuple(rest.scene_of(name) for name in names)
     about = _about(names, rest.simulated, rest.measured)
-    scan = _counted_from(rest.first_s, scan_of(rest.simulated.grid, images, extra, about=about), about)
+    scan = _counted_from(rest.first_s, scan_of(rest.simulated.grid, simulated_images, rasters, about=about), about)
     if like.speeds:
         # A scene of which no frame was read tells no speed; the others' mean is nearest.
         usual = float(np.mean([*like.speeds.values()]))
         scan = replace(scan, speed_mps=np.array([like.speeds.get(scene, usual) for scene in scenes], np.float32))
-    return replace(like, scan=scan, measured=_measured(sensed), names=tuple(names), scenes=scenes, rest=None)
+    return replace(like, scan=scan, measured=_measured(measured_images), names=tuple(names), scenes=scenes, rest=None)
 
 
 def _read(
@@ -178,22 +178,22 @@ def _read(
 ) -> tuple[list[PolarImage], list[PolarImage], list[Mapping[str, np.ndarray]]]:
     """Reads both sides of frames, and the simulated ones' further rasters. Raises ValueError for what cannot be a
     frame."""
-    images: list[PolarImage] = []
-    sensed: list[PolarImage] = []
-    extra: list[Mapping[str, np.ndarray]] = []
-    tells: list[Mapping[str, np.ndarray]] = []
+    simulated_images: list[PolarImage] = []
+    measured_images: list[PolarImage] = []
+    simulated_rasters: list[Mapping[str, np.ndarray]] = []
+    measured_rasters: list[Mapping[str, np.ndarray]] = []
     for name in names:
         image, rasters = simulated.read(name)
-        images.append(image)
-        extra.append(rasters)
-        reading, told = measured.read(name)
-        sensed.append(reading)
-        tells.append(told)
         checks.plausible(name, image, "simulated")
-        checks.plausible(name, reading, "measured")
-    checks.check_sides(simulated.folder, measured.folder, predicted=extra, recorded=tells)
-    checks.check_no_doubles(measured.folder, names, ours=images, theirs=sensed)
-    return images, sensed, extra
+        simulated_images.append(image)
+        simulated_rasters.append(rasters)
+        image, rasters = measured.read(name)
+        checks.plausible(name, image, "measured")
+        measured_images.append(image)
+        measured_rasters.append(rasters)
+    checks.check_sides(simulated.folder, measured.folder, rasters=(simulated_rasters, measured_rasters))
+    checks.check_no_doubles(measured.folder, names, simulated=simulated_images, measured=measured_images)
+    return simulated_images, measured_images, simulated_rasters
 
 
 def _about(names: Sequence[str], simulated: PolarFrames, measured: PolarFrames) -> list[dict[str, Any]]:
@@ -223,7 +223,7 @@ def thin_frames(names: Sequence[str], scenes: Sequence[str], *, grid: PolarGrid)
     visited = [list(of_scene)[k] for k in _evenly(len(of_scene), most)]
     chosen: set[str] = set()
     # Short scenes first: what they leave is for longer ones.
-    for done, scene in enumerate(sorted(visited, key=lambda one: len(of_scene[one]))):
+    for done, scene in enumerate(sorted(visited, key=lambda scene: len(of_scene[scene]))):
         frames = of_scene[scene]
         chosen |= {frames[k] for k in _evenly(len(frames), (most - len(chosen)) // (len(visited) - done))}
     return [name for name in names if name in chosen]

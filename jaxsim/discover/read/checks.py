@@ -82,23 +82,24 @@ def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: _Si
         )
 
 
-def check_no_doubles(measured: Path, names: Sequence[str], *, ours: _Side, theirs: _Side) -> None:
-    """Raises ValueError where two measured frames (`theirs`) hold the same readings, and their simulated partners
-    (`ours`) do not: a sensor's noise makes each frame its own."""
+def check_no_doubles(folder: Path, names: Sequence[str], *, simulated: _Side, measured: _Side) -> None:
+    """Raises ValueError where two measured frames (of `folder`) hold the same readings, and their simulated partners do
+    not: a sensor's noise makes each frame its own."""
     seen: dict[tuple[bytes, bytes], int] = {}
-    for k, image in enumerate(theirs):
+    for k, image in enumerate(measured):
         first = seen.setdefault(_readings(image), k)
-        if _readings(ours[first]) != _readings(ours[k]):
+        if _readings(simulated[first]) != _readings(simulated[k]):
             raise ValueError(
-                f"discover: {names[first]} and {names[k]} of {measured} hold the same readings to the last digit, and "
+                f"discover: {names[first]} and {names[k]} of {folder} hold the same readings to the last digit, and "
                 "their simulated frames differ; one is a copy: leave it out, or put back what it was"
             )
 
 
-def check_sides(simulated: Path, measured: Path, *, predicted: _Rasters, recorded: _Rasters) -> None:
+def check_sides(simulated: Path, measured: Path, *, rasters: tuple[_Rasters, _Rasters]) -> None:
     """Raises ValueError where measured frames tell angles of incidence and simulated ones do not: a sensor knows none.
-    `predicted` and `recorded` are the further rasters of the two sides' frames."""
-    if any("incidence" in rasters for rasters in recorded) and not any("incidence" in rasters for rasters in predicted):
+    `rasters` are the further ones of the simulated and of the measured frames."""
+    known, by_sensor = [any("incidence" in of_frame for of_frame in side) for side in rasters]
+    if by_sensor and not known:
         raise ValueError(
             f"discover: frames of {measured} tell the incidence of every ray, which no sensor knows, and those of "
             f"{simulated} do not; exchange --measured and --simulated, or take `incidence` out of the measured frames"
@@ -204,23 +205,23 @@ def check_pairs(
     partner better. Where a common motion of the sensor makes the ranges agree (`registered`), they show one street."""
     # Every so manieth ray: shares of thousands of rays are known to a percent.
     stride = max(1, simulated[0].range_m.size // RAYS_OF_FRAME)
-    ours, hit = _thinned(simulated, stride)
-    theirs, back = _thinned(measured, stride)
-    both = hit & back & (ours > 0) & (theirs > 0)
+    simulated_m, simulated_back = _thinned(simulated, stride)
+    measured_m, measured_back = _thinned(measured, stride)
+    both = simulated_back & measured_back & (simulated_m > 0) & (measured_m > 0)
     # Of the poorer side's returns: a sensor may see much less than its simulator.
-    poorer = np.minimum(hit.sum(1), back.sum(1))
+    poorer = np.minimum(simulated_back.sum(1), measured_back.sum(1))
     apart = both.sum(1) < RULES.common_returns * poorer
     if apart.mean() > RULES.most_frames:
         k = int(np.argmax(apart))
         raise ValueError(
-            f"discover: {names[k]} has {hit[k].sum()} returns simulated and {back[k].sum()} measured of {hit[k].size}, "
-            f"but only {both[k].sum()} on the same rays; {ADVICE}"
+            f"discover: {names[k]} has {simulated_back[k].sum()} returns simulated and {measured_back[k].sum()} "
+            f"measured of {both[k].size}, but only {both[k].sum()} on the same rays; {ADVICE}"
         )
     # Units differ by a factor on every ray: in logarithms by one number, about which hardly a ray scatters.
-    log_ratio = np.log(theirs[both] / ours[both])
+    log_ratio = np.log(measured_m[both] / simulated_m[both])
     middle = float(np.median(log_ratio))
     scatter = float(np.median(np.abs(log_ratio - middle)))
-    same = agreement(ours, theirs, both)
+    same = agreement(simulated_m, measured_m, both)
     agreed = same.near if registered is None else np.maximum(same.near, registered.near)
     near = float(np.median(agreed))
     # A sensor that stands lower sees a road that is nearer by one factor: units do not mend by moving it.
@@ -248,7 +249,9 @@ def check_pairs(
         f"{100 * near:.0f} %: its two sides do not show the same street"
         for k in np.flatnonzero(strange).tolist()
     }
-    return alone | _others_partners(names, ours, theirs, hit=hit, back=back, agreed=agreed)
+    return alone | _others_partners(
+        names, simulated_m, measured_m, simulated_back=simulated_back, measured_back=measured_back, agreed=agreed
+    )
 
 
 def _as_registered(registered: Registration | None) -> str:
@@ -267,23 +270,27 @@ def _thinned(side: Sequence[PolarImage], stride: int) -> tuple[Float[np.ndarray,
 
 def _others_partners(
     names: Sequence[str],
-    ours: Float[np.ndarray, "f rays"],
-    theirs: Float[np.ndarray, "f rays"],
+    simulated_m: Float[np.ndarray, "f rays"],
+    measured_m: Float[np.ndarray, "f rays"],
     *,
-    hit: Bool[np.ndarray, "f rays"],
-    back: Bool[np.ndarray, "f rays"],
+    simulated_back: Bool[np.ndarray, "f rays"],
+    measured_back: Bool[np.ndarray, "f rays"],
     agreed: Float[np.ndarray, " f"],
 ) -> dict[str, str]:
     """Tells in words of measured frames that fit another simulated frame clearly better than their own. Raises
     ValueError where most do."""
     # Against a choice of the others: each against all would grow with the square of the frames.
-    others = np.unique(np.linspace(0, len(names) - 1, OTHERS).round().astype(int))
+    compared = np.unique(np.linspace(0, len(names) - 1, OTHERS).round().astype(int))
     # A partner that fits clearly better: names that are shifted by one frame pass all other tests.
     best = np.zeros(len(names), int)
     share = np.zeros(len(names))
     for k in range(len(names)):
-        each = agreement(ours[others], np.broadcast_to(theirs[k], ours[others].shape), hit[others] & back[k][None])
-        best[k], share[k] = others[np.argmax(each.near)], each.near.max()
+        each = agreement(
+            simulated_m[compared],
+            np.broadcast_to(measured_m[k], simulated_m[compared].shape),
+            simulated_back[compared] & measured_back[k][None],
+        )
+        best[k], share[k] = compared[np.argmax(each.near)], each.near.max()
     wrong = share > agreed + RULES.better_partner
     if wrong.mean() > RULES.most_frames:
         k = int(np.argmax(share - agreed))

@@ -135,10 +135,10 @@ class Disputed(NamedTuple):
 
 def disputed(candidates: Sequence[Candidate], asked: Sequence[Question], facts: Facts) -> list[Disputed]:
     """Gives the best region over all candidates, for each question whose regions are made of whole scenes."""
-    tried = [one for one in candidates if not one.effect.of_recording and one.slope.any()]
+    tried = [candidate for candidate in candidates if not candidate.effect.of_recording and candidate.slope.any()]
     if not tried:
         return []
-    rates = np.stack([clipped(one.slope) for one in tried])
+    rates = np.stack([clipped(candidate.slope) for candidate in tried])
     result = []
     for question in asked:
         whole = question.between_scenes(facts.scene)

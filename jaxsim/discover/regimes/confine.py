@@ -53,21 +53,21 @@ def confine(
     """The best of `candidates`, the one whose region it is first, fitted in the region on top of `problem`; None where
     the region gains too little over the effect everywhere. `ranking` is that of the step."""
     frames = frames_in(region, facts)
-    plain = {one.effect.plain_name: one for one in candidates if not one.effect.of_recording}
+    plain = {candidate.effect.plain_name: candidate for candidate in candidates if not candidate.effect.of_recording}
     laws = []
-    for one in plain.values():
+    for candidate in plain.values():
         # Fits begin where those to all scenes ended, too: there borders between all and nothing were found already.
-        ended = tuple(to_values(one.effect, each.z) for each in one.fits)
-        laws.append(replace(within(one.effect, region, frames), starts=(*one.effect.starts, *ended)))
+        ended = tuple(to_values(candidate.effect, each.z) for each in candidate.fits)
+        laws.append(replace(within(candidate.effect, region, frames), starts=(*candidate.effect.starts, *ended)))
     ranked = rank_effects(problem, laws, null=problem.null_fits)
-    first = next(one for one in ranked if one.effect.plain_name == next(iter(plain)))
+    first = next(candidate for candidate in ranked if candidate.effect.plain_name == next(iter(plain)))
     # The name that was given to all scenes stays unless another is clearly better here.
-    best = next((one for one in ranked if one is first or worse(first, one)), first)
+    best = next((candidate for candidate in ranked if candidate is first or worse(first, candidate)), first)
     everywhere = plain[best.effect.plain_name]
     advantage = float(clipped(best.by_scene - everywhere.by_scene).sum())
     if best.total <= RULES.bar_nats or advantage < RULES.regime_nats:
         return None
-    starts = tuple(to_values(best.effect, one.z) for one in best.fits)
+    starts = tuple(to_values(best.effect, of_fold.z) for of_fold in best.fits)
     result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts)
     alike = tuple(c for c in ranked if c is not best and c.total > RULES.bar_nats and not worse(c, best))
     alike = tuple(c for c in alike if not much_richer(c, best))
@@ -129,21 +129,21 @@ class JudgeScenes:
 
     def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
         """Each block's log-likelihood, nats, at the weights of the null."""
-        at = {"equations": self.base.equations, "fitted": self.scenes.fitted, "clutter": problem.clutter}
+        at = {"equations": self.base.equations, "in_fit": self.scenes.in_fit, "clutter": problem.clutter}
         return np.asarray(log_likelihood(problem.ev, noise, **at)).sum(-1)
 
-    def gained(self, one: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
+    def gained(self, confined: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
         """The effect in its region, and what judge scenes gain with the choice `trial`, in which it acts there alone,
         over `choice`. Where only drives' own readings divide them, the judge scenes that it suits join its region: by
         their even columns, and the odd ones say what they gain, for scenes that are asked whether they would gain and
         then join cannot but gain."""
-        asked = self
-        if one.region.scenes:
-            choosing, asked = self.halves()
-            one, trial = choosing._joined(one, trial, facts)
+        judging = self
+        if confined.region.scenes:
+            choosing, judging = self.halves()
+            confined, trial = choosing._joined(confined, trial, facts)
         # At the equations of one null, each with the noise that it leaves: what differs is the region alone.
-        judged = asked.scenes.fitted == 0
-        return one, float((asked._with(trial) - asked._with(choice))[judged].sum())
+        judged = judging.scenes.in_fit == 0
+        return confined, float((judging._with(trial) - judging._with(choice))[judged].sum())
 
     def _with(self, choice: Choice) -> Float[np.ndarray, " b"]:
         """Each block's log-likelihood with what is chosen in place."""
@@ -156,15 +156,15 @@ class JudgeScenes:
         everywhere = on_top(law, self.base, result.z, simulated=True)
         return self.likelihood(everywhere, result.noise) > self.likelihood(self.base, self.base.noise)
 
-    def _joined(self, one: Confined, trial: Choice, facts: Facts) -> tuple[Confined, Choice]:
+    def _joined(self, confined: Confined, trial: Choice, facts: Facts) -> tuple[Confined, Choice]:
         """Takes in the judge scenes that are likelier with the effect than without it."""
-        law = one.step.chosen.effect
-        better = self.likelier_with(one.plain, one.step.fit)
-        judged = self.scenes.fitted == 0
+        law = confined.step.chosen.effect
+        better = self.likelier_with(confined.plain, confined.step.fit)
+        judged = self.scenes.in_fit == 0
         names = {facts.names[k] for k in self.scenes.division.blocks.frame[judged & better].tolist()}
-        region = Region(scenes=tuple(sorted({*one.region.scenes, *names})))
+        region = Region(scenes=tuple(sorted({*confined.region.scenes, *names})))
         frames: Bool[np.ndarray, " f"] = np.isin(facts.names, region.scenes)
-        wider = within(one.plain, region, frames)
-        step = replace(one.step, chosen=replace(one.step.chosen, effect=wider))
+        wider = within(confined.plain, region, frames)
+        step = replace(confined.step, chosen=replace(confined.step.chosen, effect=wider))
         steps = tuple(step if old.chosen.effect is law else old for old in trial.steps)
-        return replace(one, step=step, region=region, frames=frames), replace(trial, steps=steps)
+        return replace(confined, step=step, region=region, frames=frames), replace(trial, steps=steps)

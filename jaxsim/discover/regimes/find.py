@@ -57,20 +57,21 @@ class Lead:
     q_value: float = 1.0
 
 
-def sizes(one: Confined, facts: Facts) -> tuple[Interval, Interval]:
+def sizes(confined: Confined, facts: Facts) -> tuple[Interval, Interval]:
     """The effect's size inside, and beside it outside, in units of the fit inside; intervals from the scatter of
     scenes."""
-    law = one.step.chosen.effect
+    law = confined.step.chosen.effect
     # Outside is asked with the effect in place inside, where nothing is left to ask for.
-    opposite = within(one.plain, one.region, one.frames, outside=True)
-    beside = replace(one.problem, ev=on_top(law, one.problem, one.step.fit.z).ev)
-    inside, outside = _cells(law, one.problem, one, facts=facts), _cells(opposite, beside, one, facts=facts)
+    opposite = within(confined.plain, confined.region, confined.frames, outside=True)
+    beside = replace(confined.problem, ev=on_top(law, confined.problem, confined.step.fit.z).ev)
+    inside = _cells(law, confined.problem, confined, facts=facts)
+    outside = _cells(opposite, beside, confined, facts=facts)
     return _size(inside, facts), _size(outside, facts)
 
 
-def _cells(law: Law, problem: Problem, one: Confined, *, facts: Facts) -> Cells:
+def _cells(law: Law, problem: Problem, confined: Confined, *, facts: Facts) -> Cells:
     """The cells of a law with the numbers of the fit in the region."""
-    return cells_of(law, problem, one.step.fit, sector=facts.sector, sectors=facts.sectors)
+    return cells_of(law, problem, confined.step.fit, sector=facts.sector, sectors=facts.sectors)
 
 
 def _size(of: Cells, facts: Facts) -> Interval:
@@ -86,15 +87,15 @@ def _size(of: Cells, facts: Facts) -> Interval:
 
 def regime_of(placed: Placed, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
-    one, divides = placed.confined, lead.finding.question.divides
-    whole = _cells(one.plain, one.problem, one, facts=facts)
+    confined, divides = placed.confined, lead.finding.question.divides
+    whole = _cells(confined.plain, confined.problem, confined, facts=facts)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
-    columns = np.asarray(one.region.in_sector(azimuth))
+    columns = np.asarray(confined.region.in_sector(azimuth))
     counted = False
     if divides == "azimuth":
         x = azimuth[[(2 * k + 1) * len(azimuth) // (2 * facts.sectors) for k in range(facts.sectors)]]
         size = _size_at(whole.slope.sum(0), whole.curvature.sum(0))
-        inside = np.asarray(one.region.in_sector(x))
+        inside = np.asarray(confined.region.in_sector(x))
     else:
         # Of a single drive, whose sectors are its scenes, each has all moments: frames are shown instead.
         group = facts.scene if len(set(facts.names)) > 1 else np.unique(facts.frame, return_inverse=True)[1]
@@ -103,18 +104,18 @@ def regime_of(placed: Placed, lead: Lead, judge_nats: float, *, facts: Facts) ->
         time_s = np.asarray(facts.scan.time_s, float)[facts.frame[first]]
         counted = len(np.unique(time_s)) < len(first)
         x = np.arange(len(first), dtype=float) if counted else time_s
-        inside = one.frames[facts.frame[first]]
+        inside = confined.frames[facts.frame[first]]
     return Regime(
-        effect=one.plain.plain_name,
+        effect=confined.plain.plain_name,
         divides=divides,
-        where=one.region,
-        share=float(one.frames.mean() * columns.mean()),
+        where=confined.region,
+        share=float(confined.frames.mean() * columns.mean()),
         inside=placed.inside,
         outside=placed.outside,
         p_value=lead.finding.p_value,
         q_value=lead.q_value,
         judge_nats=judge_nats,
-        applied=one.region.acts,
+        applied=confined.region.acts,
         x=tuple(map(float, x)),
         sizes=tuple(map(float, size)),
         held=tuple(map(bool, inside)),
@@ -138,7 +139,7 @@ class Divided:
     @property
     def regions(self) -> dict[str, Region]:
         """Each effect's region."""
-        return {one.effect: one.where for one in self.regimes}
+        return {regime.effect: regime.where for regime in self.regimes}
 
 
 def facts_of(division: Division) -> Facts:
@@ -196,7 +197,7 @@ def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
     """Whether it is sure enough, and its effect has no region yet; of candidates while there is none at all."""
     free = not regimes
     if lead.named and lead.step is not None:
-        free = choice.steps[lead.step].chosen.effect.plain_name not in {one.effect for one in regimes}
+        free = choice.steps[lead.step].chosen.effect.plain_name not in {regime.effect for regime in regimes}
     return free and lead.exists and lead.q_value <= RULES.regime_level
 
 
@@ -209,8 +210,8 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
     candidates = lead.candidates
     if len(choice.steps) > 1:
         # Gains of a step were those over the steps before it alone.
-        again = {one.effect.name: one for one in rank_effects(problem, [one.effect for one in candidates])}
-        candidates = tuple(again[one.effect.name] for one in candidates)
+        again = {c.effect.name: c for c in rank_effects(problem, [c.effect for c in candidates])}
+        candidates = tuple(again[c.effect.name] for c in candidates)
     ranking = choice.first_ranking if lead.step is None else choice.steps[lead.step].ranking
     confined = confine(problem, candidates, region, facts=facts, ranking=ranking)
     if confined is None:
@@ -230,9 +231,9 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
 def _ranked(leads: list[Lead]) -> list[Lead]:
     """The leads with q-values over all of them, least probable by chance first; what divides drives by a fact before
     what divides them by their readings alone."""
-    rates = false_discovery_rates(np.array([one.finding.p_value for one in leads]))
-    rated = [replace(one, q_value=float(q)) for one, q in zip(leads, rates, strict=True)]
-    return sorted(rated, key=lambda one: (one.finding.question.divides == "scene", one.finding.p_value))
+    rates = false_discovery_rates(np.array([lead.finding.p_value for lead in leads]))
+    rated = [replace(lead, q_value=float(q)) for lead, q in zip(leads, rates, strict=True)]
+    return sorted(rated, key=lambda lead: (lead.finding.question.divides == "scene", lead.finding.p_value))
 
 
 def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
@@ -241,10 +242,10 @@ def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Qu
         effect = step.chosen.effect
         if effect.of_recording:
             continue
-        others = [one for one in step.ranking if one.effect is not effect and one.effect.name not in choice.refused]
-        rivals = tuple(others[: RULES.regime_rivals])
+        rest = [c for c in step.ranking if c.effect is not effect and c.effect.name not in choice.refused]
+        rivals = tuple(rest[: RULES.regime_rivals])
         divisions = _divisions(effect, step.fit, _without(null, choice, k), facts=facts, asked=asked)
-        leads += [Lead(one, (step.chosen, *rivals), k, step.fit, named=True) for one in divisions]
+        leads += [Lead(division, (step.chosen, *rivals), k, step.fit, named=True) for division in divisions]
     return leads
 
 
@@ -253,18 +254,19 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
     divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest and, if only the
     scenes' dispute kept it from being named, the scenes themselves."""
     # What noise of both sides does, it does in every part.
-    possible = [one for one in choice.first_ranking if one.effect.name not in choice.refused]
-    tried = [one for one in possible if not one.effect.of_recording]
+    possible = [candidate for candidate in choice.first_ranking if candidate.effect.name not in choice.refused]
+    tried = [candidate for candidate in possible if not candidate.effect.of_recording]
     if len(choice.steps) > 1 or not tried:
         return []
     few = 1 + RULES.regime_rivals
     step = 0 if choice.steps else None
-    leads = [Lead(one.finding, one.candidates[:few], step, exists=one.exists) for one in disputed(tried, asked, facts)]
+    disputes = disputed(tried, asked, facts)
+    leads = [Lead(found.finding, found.candidates[:few], step, exists=found.exists) for found in disputes]
     if choice.steps:
         return leads
     strongest = tried[0]
     result = strongest.fits[0]
-    arcs = [one for one in asked if one.between_scenes(facts.scene) is None]
+    arcs = [question for question in asked if question.between_scenes(facts.scene) is None]
     for division in _divisions(strongest.effect, result, null, facts=facts, asked=arcs):
         exists = division.question.divides != "scene" or strongest.total > choice.bars.effect
         leads.append(Lead(division, tuple(tried[:few]), None, result, exists=exists))
@@ -286,8 +288,8 @@ def _divisions(
 
 def _without(null: Problem, choice: Choice, step: int | None) -> Problem:
     """The null with all steps but one in place."""
-    others = [one for k, one in enumerate(choice.steps) if k != step]
-    return with_steps(null, others) if others else null
+    rest = [other for k, other in enumerate(choice.steps) if k != step]
+    return with_steps(null, rest) if rest else null
 
 
 def _with(null: Problem, choice: Choice, confined: FittedStep, *, at: int | None) -> Choice:

@@ -50,7 +50,7 @@ class Dense:
         """What is left with `effects` in place, which leave `noise` (by default the null's)."""
         problem = self.scenes.with_effects(effects, noise)
         columns = self.scenes.division.scan.range_m.shape[2]
-        return maps_of(problem, self.scenes.fitted, self.scenes.scene, columns=columns)
+        return maps_of(problem, self.scenes.in_fit, self.scenes.scene, columns=columns)
 
     def learn(self, patterns: Sequence[FoundPattern], effects: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
         """The laws of what was found on top of `effects`, which leave `noise`."""
@@ -62,7 +62,7 @@ class Dense:
 
         null = self.scenes.null
         rows, columns = null.division.scan.range_m.shape[1:]
-        return learn_repeats([pattern_form(one, rows, columns) for one in patterns], self.finding, maps_with)
+        return learn_repeats([pattern_form(pattern, rows, columns) for pattern in patterns], self.finding, maps_with)
 
 
 def examine(null: NullModel, chain: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
@@ -77,19 +77,19 @@ def one_sided(repeats: Sequence[LearnedRepeat], other: OtherSides) -> tuple[tupl
     """The patterns that other sides do not show as well, and the formulas of those that they do."""
     maps = Dense.of(other.null).maps()
     one_side, both = [], []
-    for one in repeats:
-        channel = one.repeat.channel
-        alike = channel in other.channels and size_of(one, maps[channel]) >= RULES.elsewhere_share
-        (both if alike else one_side).append(one)
-    return tuple(one_side), tuple(one.repeat.formula for one in both)
+    for learned in repeats:
+        channel = learned.repeat.channel
+        alike = channel in other.channels and size_of(learned, maps[channel]) >= RULES.elsewhere_share
+        (both if alike else one_side).append(learned)
+    return tuple(one_side), tuple(learned.repeat.formula for learned in both)
 
 
-def size_of(one: LearnedRepeat, maps: Maps) -> float:
+def size_of(learned: LearnedRepeat, maps: Maps) -> float:
     """Size of a pattern in other maps, over its own; negative where they show the opposite."""
     # What these maps would show of the pattern if it were there: weights and levels take up a part.
-    response = maps.centred(maps.response(one.pattern))
-    steep = float((response * one.pattern).sum())
-    return float((maps.centred(maps.total) * one.pattern).sum()) / steep if steep > 0 else 0.0
+    response = maps.centred(maps.response(learned.pattern))
+    steep = float((response * learned.pattern).sum())
+    return float((maps.centred(maps.total) * learned.pattern).sum()) / steep if steep > 0 else 0.0
 
 
 def with_repeats(added: Added, laws: Sequence[Learned]) -> Added:
@@ -105,30 +105,30 @@ def with_what_repeats(answer: Answer, first: LearnedRepeat) -> Answer:
     return replace(answer, verdict="not_in_catalogue", unexplained=_unexplained(first))
 
 
-def _unexplained(one: LearnedRepeat) -> Unexplained:
-    repeat, law = one.repeat, one.learned
+def _unexplained(learned: LearnedRepeat) -> Unexplained:
+    repeat, law = learned.repeat, learned.learned
     character = "periodic" if repeat.scale in ("wave", "parity") else "other"
     # Odd against even rows are told as rows.
     names = {name.replace("even ", "").removesuffix("s") for name in law.covariates}
     covariate = " x ".join(name for name in ("row", "column") if name in names)
-    told = Unexplained(repeat.channel, covariate, character, repeat.formula)
+    unexplained = Unexplained(repeat.channel, covariate, character, repeat.formula)
     if law.kind == "table" and len(law.knots) == 1:
         along = law.covariates[0] if law.covariates[0] != covariate else ""
-        band = tuple(float(student_reach(one.scenes)) * sd for sd in law.sd)
-        return replace(told, x=law.knots[0], y=law.values, band=band, along=along)
-    return told
+        band = tuple(float(student_reach(learned.scenes)) * sd for sd in law.sd)
+        return replace(unexplained, x=law.knots[0], y=law.values, band=band, along=along)
+    return unexplained
 
 
 def formula_of(repeats: Sequence[LearnedRepeat]) -> ClosedLaw | None:
     """The formula of the first pattern, if it is a wave, or of odd against even rows or columns."""
     if not repeats:
         return None
-    one, law = repeats[0], repeats[0].learned
-    size, unit = one.repeat.size, CHANGE_UNITS[law.channel]
+    first, law = repeats[0], repeats[0].learned
+    size, unit = first.repeat.size, CHANGE_UNITS[law.channel]
     if law.kind == "wave":
         # The law has a cosine and a sine: together one sine with a phase.
         phase = float(np.arctan2(law.values[0], law.values[1]))
-        reach = float(student_reach(one.scenes))
+        reach = float(student_reach(first.scenes))
         off = reach * float(np.mean(law.sd)) / max(np.hypot(law.values[0], law.values[1]), 1e-9)
         periods = dict(zip(law.covariates, (1 / turns for [turns] in law.knots), strict=True))
         single = len(periods) == 1
@@ -155,7 +155,7 @@ def formula_of(repeats: Sequence[LearnedRepeat]) -> ClosedLaw | None:
     else:
         return None
     # It holds for every row and column that there is.
-    ends = {"row": one.grid[0] - 1.0, "column": one.grid[1] - 1.0, "even rows": 1.0, "even columns": 1.0}
+    ends = {"row": first.grid[0] - 1.0, "column": first.grid[1] - 1.0, "even rows": 1.0, "even columns": 1.0}
     return ClosedLaw(
         channel=law.channel,
         covariates=law.covariates,
@@ -164,6 +164,6 @@ def formula_of(repeats: Sequence[LearnedRepeat]) -> ClosedLaw | None:
         parameters=numbers,
         limits={VARIABLES[name][0]: (0.0, ends[name]) for name in law.covariates},
         nodes=nodes,
-        held_out_nats=one.judged_nats,
+        held_out_nats=first.judged_nats,
         share=1.0,
     )

@@ -175,7 +175,7 @@ def find_repeats(
         # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
         remaining[channel] = replace(maps_left, total=maps_left.total - height * response)
         looked[channel] = ChannelScales.at(remaining[channel], finding, signs, bins=bins)
-    return tuple(sorted(patterns, key=lambda one: one.repeat.p_value))
+    return tuple(sorted(patterns, key=lambda pattern: pattern.repeat.p_value))
 
 
 @dataclass(frozen=True)
@@ -193,18 +193,18 @@ class ChannelScales:
     ) -> ChannelScales:
         """Looks at a channel's maps, already centred."""
         every = scales(*maps.total.shape[1:], bins=bins)
-        sums = {(one.name, one.along): one.sums(maps.total) for one in every}
-        seen = {key: one[finding] for key, one in sums.items()}
-        worth = {(one.name, one.along): one.information(maps.weight[finding]) for one in every}
+        sums = {(scale.name, scale.along): scale.sums(maps.total) for scale in every}
+        seen = {key: sums_of[finding] for key, sums_of in sums.items()}
+        worth = {(scale.name, scale.along): scale.information(maps.weight[finding]) for scale in every}
         usual = {key: scatter(seen[key], worth[key]) for key in seen}
         agreement = []
-        for one in every:
-            key = one.name, one.along
-            if one.pattern is None:
+        for scale in every:
+            key = scale.name, scale.along
+            if scale.pattern is None:
                 agreement.append(of_maps(seen[key], worth[key], signs))
             else:
                 # A parity is the shortest of waves, and scatters like these.
-                kind = ("wave", one.along) if one.name == "parity" else key
+                kind = ("wave", scale.along) if scale.name == "parity" else key
                 agreement.append(of_patterns(seen[key], worth[key], signs, usual=usual[kind]))
         return cls(every, sums, agreement)
 
@@ -215,12 +215,13 @@ def strongest(looked: Mapping[str, ChannelScales]) -> tuple[str, PatternScale, i
     if not looked:
         return None
     # Max-T: one draw of signs serves all channels, and its largest strength pays for having looked everywhere.
-    by_chance = np.max([one.by_chance for look in looked.values() for one in look.agreement], axis=0)
+    by_chance = np.max([agreement.by_chance for look in looked.values() for agreement in look.agreement], axis=0)
     best, most = None, 0.0
     for channel, look in looked.items():
-        for scale, one in zip(look.scales, look.agreement, strict=True):
-            p = np.array([np.mean(by_chance >= strength - 1e-9) for strength in one.strength.tolist()])
-            gain = np.where(p <= RULES.repeats_level, one.gain * (1 if scale.pattern else RULES.repeats_one_pattern), 0)
+        for scale, agreement in zip(look.scales, look.agreement, strict=True):
+            p = np.array([np.mean(by_chance >= strength - 1e-9) for strength in agreement.strength.tolist()])
+            part = 1 if scale.pattern else RULES.repeats_one_pattern
+            gain = np.where(p <= RULES.repeats_level, agreement.gain * part, 0)
             k = int(gain.argmax())
             if gain[k] > most:
                 best, most = (channel, scale, k, float(p[k])), float(gain[k])

@@ -87,7 +87,7 @@ def pattern_form(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
         return RepeatForm(origin, int(np.prod(shape)), spread, gather, lambda weight: gather(weight[None])[0], size**2)
     # A wave is free in its phase: its cosine and its sine.
     phases = (1, -1j) if scale.turns else (1,)
-    made = np.stack([scale.pattern(k, one) for one in phases])
+    made = np.stack([scale.pattern(k, phase) for phase in phases])
     return RepeatForm(
         origin,
         len(made),

@@ -70,17 +70,17 @@ class Maps:
 
 
 def maps_of(
-    problem: Problem, fitted: Float[np.ndarray, " b"], scene: Int[np.ndarray, " b"], *, columns: int
+    problem: Problem, in_fit: Float[np.ndarray, " b"], scene: Int[np.ndarray, " b"], *, columns: int
 ) -> dict[str, Maps]:
     """The maps of each channel: ln I in nats, range in m, and share of rays lost minus expected; shared levels follow
-    from the `fitted` blocks. `scene` is that of each block, `columns` the grid's."""
+    from the `in_fit` blocks. `scene` is that of each block, `columns` the grid's."""
     ev, eq = problem.ev, problem.equations
     row, column = np.asarray(ev.rays.row), np.asarray(ev.rays.column)
     of_scene = np.broadcast_to(scene[:, None, None], row.shape)
     shape = (int(scene.max()) + 1, row.shape[-1], columns)
     # Cells of all scenes in one long vector: sums by cell are one pass over the rays.
     cell = np.ravel_multi_index((of_scene, row, column), shape).ravel()
-    blocks = np.asarray(fitted, np.float32)
+    blocks = np.asarray(in_fit, np.float32)
 
     def summed(values: np.ndarray) -> MapSums:
         flat = np.where(np.isfinite(values), values, 0).ravel()
@@ -238,7 +238,7 @@ def _sums_of(label: Int[np.ndarray, "r c"]) -> Callable[[MapSums], Float[np.ndar
     """Sums over the cells of each label."""
     flat = label.ravel()
     count = int(flat.max()) + 1
-    return lambda total: np.stack([np.bincount(flat, one.ravel(), minlength=count) for one in total])
+    return lambda total: np.stack([np.bincount(flat, image.ravel(), minlength=count) for image in total])
 
 
 def _parity(along: str, number: Int[np.ndarray, "r c"], words: str) -> PatternScale:
@@ -273,7 +273,7 @@ def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int
             total = total.sum(2, keepdims=True)
         # Padded with zeros, so that the transform has parts of a period too.
         size = [PER_PERIOD * n if n > 1 else 1 for n in total.shape[1:]]
-        return np.stack([np.fft.fft2(one, size)[steps[:, 0], steps[:, 1]] for one in total])
+        return np.stack([np.fft.fft2(image, size)[steps[:, 0], steps[:, 1]] for image in total])
 
     def pattern(k: int, phase: complex) -> PatternMap:
         row, column = np.mgrid[:rows, :columns]

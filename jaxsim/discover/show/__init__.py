@@ -50,14 +50,14 @@ def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chai
     """The gap with the effects of `chain` in place, which leave `noise`; `placebo` is another chain with its own noise.
     Nuisances that scenes share come from the find scenes."""
     every = AllScenes.of(null)
-    fitted, scene = every.fitted, every.scene
+    in_fit, scene = every.in_fit, every.scene
     # Effects leave less noise than the null has: each side is judged with its own.
     before = every.with_effects()
     after = every.with_effects(chain, noise)
-    curves = residual_curves(before, after, fitted=fitted, scene=scene, effects=[effect for effect, _ in chain])
+    curves = residual_curves(before, after, in_fit=in_fit, scene=scene, effects=[effect for effect, _ in chain])
 
     def away(problem: Problem) -> Distance:
-        return distance(problem, fitted, before.equations, scene=scene)
+        return distance(problem, in_fit, before.equations, scene=scene)
 
     def numbers() -> tuple[dict[str, Gap], Interval | None]:
         was, now = away(before), away(after)
@@ -67,7 +67,7 @@ def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chai
         return shown, closure(was, now, floor=floor, channels={name for effect, _ in chain for name in effect.channels})
 
     (gap, closed), frames = side_by_side(numbers, partial(_frames, null, chain, noise, curves=curves))
-    maps = residual_maps(before, fitted=fitted), residual_maps(after, fitted=fitted)
+    maps = residual_maps(before, in_fit=in_fit), residual_maps(after, in_fit=in_fit)
     return Judged(gap, closed, *maps, curves, frames)
 
 
@@ -76,12 +76,12 @@ def _with_floor(every: AllScenes, before: Problem, effects: Sequence[Law]) -> Pr
     that they leave there is fitted beside them."""
     null = every.null
     covariates = {name for effect in effects for name in effect.covariates} or set(COVARIATES)
-    curves = additive_floor(before, every.fitted, sorted(covariates))
+    curves = additive_floor(before, every.in_fit, sorted(covariates))
     # The null's evidence is that of the find scenes, all of whose blocks are fitted.
-    find_alone = np.ones(int(every.fitted.sum()), np.float32)
-    seen = curves.on(null.problem.ev, every.fitted > 0)
+    find_alone = np.ones(int(every.in_fit.sum()), np.float32)
+    seen = curves.on(null.problem.ev, every.in_fit > 0)
     curved, _ = fit_null(null.division.scan, seen, find_alone, clutter=null.problem.clutter)
-    return reweighted(replace(before, ev=curves.on(every.ev), noise=curved.noise), every.fitted)
+    return reweighted(replace(before, ev=curves.on(every.ev), noise=curved.noise), every.in_fit)
 
 
 def law_gains(null: NullModel, added: Added, *, before: Problem, effects: Chain) -> bool:
@@ -99,7 +99,7 @@ def judge_gains(every: AllScenes, chain: Chain, noise: Noise | None = None) -> F
     default as it is fitted to the find scenes)."""
     noise = refitted(in_place(every.null.problem, chain)).noise if noise is None else noise
     before, after = every.with_effects(), every.with_effects(chain, noise)
-    sides = [distance(one, every.fitted, before.equations, scene=every.scene) for one in (before, after)]
+    sides = [distance(problem, every.in_fit, before.equations, scene=every.scene) for problem in (before, after)]
     return (sides[1].log_likelihood - sides[0].log_likelihood).mean(0)
 
 
@@ -110,7 +110,7 @@ def _frames(null: NullModel, chain: Chain, noise: Noise, *, curves: tuple[CurveL
         every = AllScenes.of(null, chunk.division)
         before = every.with_effects()
         after = every.with_effects(chain, noise)
-        for part in rays_of(before, after, fitted=every.fitted, chunk=chunk, curves=curves):
+        for part in rays_of(before, after, in_fit=every.in_fit, chunk=chunk, curves=curves):
             parts.setdefault(part.name, []).append(part)
     return tuple(map(joined, parts.values()))
 
@@ -119,7 +119,7 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     """The runner-up fitted as the answer is: to all find scenes, from the best of its folds' fits; and the noise that
     it leaves."""
     effect = rival.effect
-    starts = tuple(to_values(effect, one.z) for one in rival.fits)
+    starts = tuple(to_values(effect, of_fold.z) for of_fold in rival.fits)
     # As many steps as the answer's own fits have: a placebo that lagged behind would make it look better.
     fixed = effect.name in FINEST
     result = fit(effect, null, null.ev.all_blocks, starts=starts, steps=ANSWER_STEPS, fixed=fixed)
@@ -142,7 +142,7 @@ def judge_known(
     null = NullModel.of(Division.of(comparison))
     rows = null.problem.ev.rays.row.shape[-1]
     starts = [to_z(effect, dict(answer[effect.name]), rows) for effect in effects]
-    chain = [(one.effect, one.fit.z) for one in refit(null.problem, effects, starts)]
+    chain = [(fitted.effect, fitted.fit.z) for fitted in refit(null.problem, effects, starts)]
     shown = gap_with(null, chain, refitted(in_place(null.problem, chain)).noise)
     return shown.gap, shown.closure
 
@@ -172,7 +172,7 @@ def without_unconfirmed(verdict: Verdict) -> Verdict:
         verdict=answer,
         effects=confirmed_effects,
         unconfirmed=lost,
-        regimes=tuple(one for one in verdict.regimes if one.effect not in names),
+        regimes=tuple(regime for regime in verdict.regimes if regime.effect not in names),
         ranking=tuple(replace(rank, why_not=WHY_NOT) if rank.name in names else rank for rank in verdict.ranking),
         notes=(*verdict.notes, note),
     )
@@ -200,7 +200,7 @@ def sensor_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> Senso
     named = {name for name, _ in known.effects}
     added_names = {name for name, _ in added.effects}
     lost = {effect.name for effect in verdict.unconfirmed} - named
-    mounting = [(one.name, one.values) for one in verdict.effects if one.name not in added_names | named]
+    mounting = [(effect.name, effect.values) for effect in verdict.effects if effect.name not in added_names | named]
     # A mounting that was known stands in the frames, and not in what was added.
     stated = [pair for pair in known.effects if pair[0] not in added_names]
     effects = (*stated, *mounting, *(pair for pair in added.effects if pair[0] not in lost))

@@ -87,14 +87,14 @@ def judge_rest(
             add(sums, block_of(comparison, mounting, rest, names=names, by=by, size=size, number=number), by)
             bar.update(len(names))
     maps = tuple({name: pair[side].mean() for name, pair in sums.maps.items()} for side in (0, 1))
-    return told(sums, by), (maps[0], maps[1])
+    return every_frame_of(sums, by), (maps[0], maps[1])
 
 
 class JudgedBlock(NamedTuple):
     """The find scenes' blocks and those of further frames."""
 
     division: Division
-    fitted: Float[np.ndarray, " b"]
+    in_fit: Float[np.ndarray, " b"]
     """1 for the find scenes' blocks."""
     frame: tuple[str, ...]
     """Name of each block's frame; empty for the find scenes', and where it only fills up."""
@@ -127,9 +127,9 @@ def block_of(
     fresh = fresh.with_free_contrast() if old.simulator.free_contrast else fresh
     find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, is_find, strict=True) if keep)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
-    fitted = np.concatenate([np.ones(int(is_find.sum())), np.zeros(len(new.frame))]).astype(np.float32)
+    in_fit = np.concatenate([np.ones(int(is_find.sum())), np.zeros(len(new.frame))]).astype(np.float32)
     return JudgedBlock(
-        _joined(old, fresh, is_find), fitted, ("",) * int(is_find.sum()) + tuple(of_block), (*find_scenes, *new.scene)
+        _joined(old, fresh, is_find), in_fit, ("",) * int(is_find.sum()) + tuple(of_block), (*find_scenes, *new.scene)
     )
 
 
@@ -138,28 +138,28 @@ def add(sums: Sums, block: JudgedBlock, by: HeldAnswer) -> None:
     division = block.division
     scenes = tuple(dict.fromkeys(division.blocks.scene))
     ev, scene = division.evidence(scenes, by.null.known)
-    fitted = block.fitted
-    every = AllScenes(by.null, division, ev, scene, fitted)
+    in_fit = block.in_fit
+    every = AllScenes(by.null, division, ev, scene, in_fit)
     before = every.with_effects()
     after = every.with_effects(by.chain, by.noise)
-    sides = [block_distances(problem, fitted, before.equations) for problem in (before, after)]
+    sides = [block_distances(problem, in_fit, before.equations) for problem in (before, after)]
     gain = sides[1].log_likelihood - sides[0].log_likelihood
     # Frames that only fill up have no name, and count nowhere.
-    told = np.array([bool(name) for name in block.frame])
-    for k in np.flatnonzero(told):
+    has_name = np.array([bool(name) for name in block.frame])
+    for k in np.flatnonzero(has_name):
         scene, name = block.scene[k], block.frame[k]
         errors = np.stack([side.error[k] for side in sides])
         sums.error[scene] = sums.error.get(scene, 0.0) + errors
         sums.gain[scene] = sums.gain.get(scene, 0.0) + gain[k]
         sums.of_frame[name] = sums.of_frame.get(name, 0.0) + float(gain[k].sum())
         sums.frames_of.setdefault(scene, set()).add(name)
-    pairs = zip(map_sums(before, fitted, where=told).items(), map_sums(after, fitted, where=told).values(), strict=True)
-    for (channel, was), now in pairs:
+    maps = [map_sums(problem, in_fit, where=has_name) for problem in (before, after)]
+    for (channel, was), now in zip(maps[0].items(), maps[1].values(), strict=True):
         old = sums.maps.get(channel)
         sums.maps[channel] = (was, now) if old is None else (old[0] + was, old[1] + now)
 
 
-def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
+def every_frame_of(sums: Sums, by: HeldAnswer) -> EveryFrame:
     """The sums as a verdict tells them."""
     scenes = sorted(sums.gain)
     count = np.array([len(sums.frames_of[scene]) for scene in scenes])
@@ -188,14 +188,15 @@ def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
     )
 
 
-def rest_in_words(told: EveryFrame) -> str:
+def rest_in_words(every: EveryFrame) -> str:
     """A note for the verdict."""
     gains = ", ".join(
-        f"{name} {one.value:.3g} nats a frame ({one.low:.3g} to {one.high:.3g})" for name, one in told.gained.items()
+        f"{name} {interval.value:.3g} nats a frame ({interval.low:.3g} to {interval.high:.3g})"
+        for name, interval in every.gained.items()
     )
-    worst = told.worst[0]
+    worst = every.worst[0]
     return (
-        f"on the other {told.frames} frames, of {told.scenes} scenes, {told.unseen} of which nothing was fitted to, "
+        f"on the other {every.frames} frames, of {every.scenes} scenes, {every.unseen} of which nothing was fitted to, "
         f"the answer gains: {gains}; least on {worst.name} of {worst.scene} ({worst.nats:.3g} nats)"
     )
 
@@ -212,7 +213,7 @@ def _joined(old: Division, fresh: Division, chosen: Bool[np.ndarray, " b"]) -> D
         old.blocks.sectors,
     )
     rays = jax.tree.map(
-        lambda one, other: np.concatenate([one, other]) if np.ndim(one) else one, old.rays.part(chosen), fresh.rays
+        lambda kept, new: np.concatenate([kept, new]) if np.ndim(kept) else kept, old.rays.part(chosen), fresh.rays
     )
     frame = np.broadcast_to(blocks_of_both.frame[:, None, None], rays.rays.row.shape).astype(np.int32)
     scan = _scans(old.scan, fresh.scan, staying)
@@ -249,7 +250,7 @@ def _scans(first: Scan, second: Scan, chosen: Int[np.ndarray, " k"]) -> Scan:
 
 def _stacked(first: Any, second: Any, chosen: Int[np.ndarray, " k"]) -> dict[str, np.ndarray]:
     """Some frames of each raster of a struct, then all of another's."""
-    names = [one.name for one in fields(first) if one.name not in ("grid", "tags")]
+    names = [field.name for field in fields(first) if field.name not in ("grid", "tags")]
     return {
         name: np.concatenate([np.asarray(getattr(first, name))[chosen], np.asarray(getattr(second, name))])
         for name in names

@@ -66,13 +66,13 @@ class BlockDistances:
     """Nats."""
 
 
-def block_distances(problem: Problem, fitted: Float[np.ndarray, " b"], eq: NormalEquations) -> BlockDistances:
+def block_distances(problem: Problem, in_fit: Float[np.ndarray, " b"], eq: NormalEquations) -> BlockDistances:
     """What each block adds, with what scenes share from the fitted ones. Likelihoods are to be held against each other
     at the same weights `eq`, as in naming: a problem's own would price reflectances and poses differently."""
-    shared = np.asarray(fitted, np.float32)
+    shared = np.asarray(in_fit, np.float32)
     off_i, off_r = conditional_residuals(problem.ev, problem.equations, shared)
     errors = np.asarray(_errors(problem.ev, problem.noise, off_i=off_i, off_r=off_r))
-    score = np.asarray(log_likelihood(problem.ev, problem.noise, equations=eq, fitted=shared, clutter=problem.clutter))
+    score = np.asarray(log_likelihood(problem.ev, problem.noise, equations=eq, in_fit=shared, clutter=problem.clutter))
     rays = problem.ev.rays
     steps = {"intensity_quantization": float(rays.intensity_step), "range_quantization": float(rays.range_step_m)}
     # The likelihood is of continuous readings; what a lattice tells is counted apart.
@@ -80,11 +80,11 @@ def block_distances(problem: Problem, fitted: Float[np.ndarray, " b"], eq: Norma
 
 
 def distance(
-    problem: Problem, fitted: Float[np.ndarray, " b"], eq: NormalEquations, *, scene: Int[np.ndarray, " b"]
+    problem: Problem, in_fit: Float[np.ndarray, " b"], eq: NormalEquations, *, scene: Int[np.ndarray, " b"]
 ) -> Distance:
     """The distance of the scenes of those blocks that are not fitted, as `block_distances` has them."""
-    judged = np.asarray(fitted) == 0
-    of_blocks = block_distances(problem, fitted, eq)
+    judged = np.asarray(in_fit) == 0
+    of_blocks = block_distances(problem, in_fit, eq)
     scenes, index = np.unique(scene[judged], return_inverse=True)
     total = np.zeros((len(scenes), 3, 2))
     scores = np.zeros((len(scenes), 3))
@@ -196,17 +196,17 @@ class Curves:
         return replace(ev, rays=replace(ev.rays, **fields))
 
 
-def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates: Sequence[str]) -> Curves:
+def additive_floor(problem: Problem, in_fit: Float[np.ndarray, " b"], covariates: Sequence[str]) -> Curves:
     """Free curves along `covariates`, learned from the fitted blocks."""
     rays = jax.tree.map(np.asarray, problem.ev.rays)
     sds = [np.asarray(sd, float) for sd in residual_spread(problem.ev, problem.noise)]
     lost = sds[2]
-    by_channel = residuals(problem, fitted)
-    train = np.asarray(fitted) > 0
+    by_channel = residuals(problem, in_fit)
+    train = np.asarray(in_fit) > 0
 
     def curves(name: str, scale: np.ndarray) -> Float[np.ndarray, "b c r"]:
         off, _, counts = by_channel[name]
-        design = [curve_basis(values_of(one, rays, counts), one) for one in COVARIATES if one in covariates]
+        design = [curve_basis(values_of(name, rays, counts), name) for name in COVARIATES if name in covariates]
         x = np.concatenate([np.ones((int(counts.sum()), 1), np.float32), *design], axis=1)
         # Of find scenes alone: what it reaches on judge scenes is held out as the answer's is.
         learn = np.broadcast_to(train[:, None, None], counts.shape)[counts]

@@ -43,14 +43,14 @@ def residual_curves(
     before: Problem,
     after: Problem,
     *,
-    fitted: Float[np.ndarray, " b"],
+    in_fit: Float[np.ndarray, " b"],
     scene: Int[np.ndarray, " b"],
     effects: Sequence[Law],
 ) -> tuple[CurveLine, ...]:
     """Mean residual along each named effect's own covariates, on the blocks that are not fitted; where an effect makes
     ranges scatter, also the residuals' spread over the one that each ray is expected to have, for their mean shows
     nothing of it. `scene` is that of each block."""
-    judged = np.asarray(fitted) == 0
+    judged = np.asarray(in_fit) == 0
     wanted = {
         (channel, covariate): None
         for effect in effects
@@ -58,8 +58,8 @@ def residual_curves(
         for covariate in effect.covariates
         if covariate in COVARIATES
     }
-    old = residuals(before, fitted)
-    new = residuals(after, fitted)
+    old = residuals(before, in_fit)
+    new = residuals(after, in_fit)
     rays = jax.tree.map(lambda leaf: np.asarray(leaf)[judged] if np.ndim(leaf) else leaf, before.ev.rays)
     # Of an effect that only makes ranges scatter no mean shows anything.
     scatters = bool((np.asarray(after.ev.rays.noise_m) > np.asarray(before.ev.rays.noise_m)).any())
@@ -126,23 +126,23 @@ class Bins:
         shown: Callable[[np.ndarray], np.ndarray] = lambda mean: mean,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Means before and after, as they are `shown`, and the half width of the 90 % interval of the former."""
-        scenes = np.array([shown(self.mean(before, of=self.scene == one)) for one in np.unique(self.scene)])
+        scenes = np.array([shown(self.mean(before, of=self.scene == number)) for number in np.unique(self.scene)])
         return shown(self.mean(before)), shown(self.mean(after)), half_width(scenes)
 
 
-def residual_maps(problem: Problem, *, fitted: Float[np.ndarray, " b"]) -> dict[str, Float[np.ndarray, "r c"]]:
+def residual_maps(problem: Problem, *, in_fit: Float[np.ndarray, " b"]) -> dict[str, Float[np.ndarray, "r c"]]:
     """Mean residual of the blocks that are not fitted, on the grid, by channel."""
-    return {name: sums.mean() for name, sums in map_sums(problem, fitted, where=np.asarray(fitted) == 0).items()}
+    return {name: sums.mean() for name, sums in map_sums(problem, in_fit, where=np.asarray(in_fit) == 0).items()}
 
 
 def map_sums(
-    problem: Problem, fitted: Float[np.ndarray, " b"], *, where: Bool[np.ndarray, " b"]
+    problem: Problem, in_fit: Float[np.ndarray, " b"], *, where: Bool[np.ndarray, " b"]
 ) -> dict[str, GridSums]:
     """Sums of the residuals of some blocks on the grid, by channel."""
     row = np.asarray(problem.ev.rays.row)
     column = np.asarray(problem.ev.rays.column)
     sums = {}
-    for name, (off, _, counts) in residuals(problem, fitted).items():
+    for name, (off, _, counts) in residuals(problem, in_fit).items():
         keep = counts & where[:, None, None]
         sums[name] = GridSums.of(off[keep], (row[keep], column[keep]), problem.scan.grid)
     return sums
@@ -222,7 +222,9 @@ def whole_frames(division: Division) -> Iterator[Chunk]:
 
 def _shown_frames(whole: Blocks, judge: Sequence[str]) -> set[int]:
     """The frames that are drawn, by number."""
-    of_scene = {one: [f for f, s in zip(whole.frame.tolist(), whole.scene, strict=True) if s == one] for one in judge}
+    of_scene = {
+        name: [f for f, s in zip(whole.frame.tolist(), whole.scene, strict=True) if s == name] for name in judge
+    }
     if all(frames == of_scene[judge[0]] for frames in of_scene.values()):
         # Sectors of one drive: every frame holds all of them.
         frames = of_scene[judge[0]]
@@ -244,12 +246,12 @@ def _in_blocks(column: Int[np.ndarray, " n"], each: int, *, most: float) -> Int[
 
 
 def rays_of(
-    before: Problem, after: Problem, *, fitted: Float[np.ndarray, " b"], chunk: Chunk, curves: Sequence[CurveLine]
+    before: Problem, after: Problem, *, in_fit: Float[np.ndarray, " b"], chunk: Chunk, curves: Sequence[CurveLine]
 ) -> Iterator[JudgeFrame]:
     """The rays of a chunk with the residuals of both problems, a JudgeFrame a block."""
-    judged = np.asarray(fitted) == 0
-    old = residuals(before, fitted)
-    new = residuals(after, fitted)
+    judged = np.asarray(in_fit) == 0
+    old = residuals(before, in_fit)
+    new = residuals(after, in_fit)
     rays = jax.tree.map(lambda leaf: np.asarray(leaf)[judged] if np.ndim(leaf) else leaf, before.ev.rays)
     groups = [
         np.where(old[curve.channel].counts[judged], curve.group_of(np.asarray(COVARIATES[curve.covariate](rays))), -1)
@@ -281,7 +283,7 @@ def rays_of(
 
 def _off(by_channel: Mapping[str, Residuals], judged: Bool[np.ndarray, " b"]) -> dict[str, Float[np.ndarray, "k c r"]]:
     """Residuals of the judged blocks, NaN where nothing is compared."""
-    return {name: np.where(one.counts, one.off, np.nan)[judged].astype(np.float32) for name, one in by_channel.items()}
+    return {name: np.where(r.counts, r.off, np.nan)[judged].astype(np.float32) for name, r in by_channel.items()}
 
 
 def joined(parts: Sequence[JudgeFrame]) -> JudgeFrame:
@@ -289,7 +291,7 @@ def joined(parts: Sequence[JudgeFrame]) -> JudgeFrame:
 
     def together(each: Sequence[Any]) -> Any:
         if isinstance(each[0], dict):
-            return {name: together([one[name] for one in each]) for name in each[0]}
+            return {name: together([part[name] for part in each]) for name in each[0]}
         if isinstance(each[0], tuple):
             return tuple(map(together, zip(*each, strict=True)))
         return np.concatenate(each)

@@ -148,7 +148,10 @@ def compare(
     spread = np.quantile((y - predicted)[simulated], READING_QUANTILES)
     # The law is the readings' mean: what stands for them must lie about it.
     spread = spread - spread.mean()
-    rays = _as_predicted(comparison.rays, predicted)
+    # The intensity, and the power that goes with it, is what the law says.
+    power = predicted - 2 * np.log(np.maximum(comparison.rays.range_m, 0.1) / REFERENCE_M)
+    said = predicted.astype(np.float32)
+    rays = replace(comparison.rays, log_intensity=said, met_log_intensity=said, log_power=power.astype(np.float32))
 
     # What may differ without any effect: overall gain, and reflectances of classes, known where both sides know them.
     of_classes = mixture if comparison.shared_classes else expected[:, :-1]
@@ -202,19 +205,7 @@ def _common(classes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " c"]:
 def _regressed(eq: Equations, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, "l k"]:
     """Coefficients of the law for each column of a side, of so weighted scenes."""
     n = eq.law
-    # Normal equations add up over scenes: any choice of them is a weighted sum.
-    inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + LAW_PULL * np.eye(n)
-    return np.linalg.solve(inner, np.einsum("s,spq->pq", weight, eq.gram[:, :n, n:]))
-
-
-def _as_predicted(rays: Rays, log_intensity: Float[np.ndarray, " n"]) -> Rays:
-    """Rays whose intensity, and the power that goes with it, is what the law says."""
-    return replace(
-        rays,
-        log_intensity=log_intensity.astype(np.float32),
-        met_log_intensity=log_intensity.astype(np.float32),
-        log_power=(log_intensity - 2 * np.log(np.maximum(rays.range_m, 0.1) / REFERENCE_M)).astype(np.float32),
-    )
+    return np.linalg.solve(eq.of_law(weight), np.einsum("s,spq->pq", weight, eq.gram[:, :n, n:]))
 
 
 def _ridge(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -66,16 +66,23 @@ class Equations:
         """The same with a variance of the noise that is larger by this factor."""
         return Equations(self.gram / inflation, self.right / inflation, self.square / inflation, self.law)
 
+    def of_law(self, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, "l l"]:
+        """The law's part of the matrix, pulled to 0. Normal equations add up over scenes: any choice of them is a
+        weighted sum."""
+        n = self.law
+        return np.einsum("s,spq->pq", weight, self.gram[:, :n, :n]) + LAW_PULL * np.eye(n)
+
     def pooled(self, weight: Float[np.ndarray, " s"], measured: Float[np.ndarray, " s"]) -> Pooled:
         """The sum over scenes, each counted `weight` times; `measured` is 1 of those of the measured side, else 0."""
         n = self.law
         # Simulated scenes say what the law is; the columns of the measured side are 0 there.
         weight_measured = weight * measured
-        of_law = np.einsum("s,spq->pq", weight, self.gram[:, :n, :n]) + LAW_PULL * np.eye(n)
         between = np.einsum("s,spq->pq", weight_measured, self.gram[:, :n, n:])
         of_side = np.einsum("s,spq->pq", weight_measured, self.gram[:, n:, n:])
         # Schur complement: the law is solved for given the side, for all right-hand sides at once.
-        solved = np.linalg.solve(of_law, np.concatenate([between, (weight @ self.right[:, :n])[:, None]], axis=1))
+        solved = np.linalg.solve(
+            self.of_law(weight), np.concatenate([between, (weight @ self.right[:, :n])[:, None]], axis=1)
+        )
         cross = solved[:, :-1]
         base = solved[:, -1]
         right = weight_measured @ self.right[:, n:] - between.T @ base
@@ -169,10 +176,9 @@ def lowered(
     """How much each block lowers the loss beyond law and nuisance, nats, for every draw of the sides."""
     n = eq.law
     near = nuisance.columns
-    # The law's part is the same for all draws: it is factored once.
-    inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + LAW_PULL * np.eye(n)
-    # With inner = L L', half = L^-1 makes the elimination of the law a plain product.
-    half = np.linalg.inv(np.linalg.cholesky(inner))
+    # The law's part is the same for all draws: it is factored once. With it = L L', half = L^-1 makes the
+    # elimination of the law a plain product.
+    half = np.linalg.inv(np.linalg.cholesky(eq.of_law(weight)))
     base = half @ (weight @ eq.right[:, :n])
     across = np.stack([half @ g for g in eq.gram[:, :n, n:]])
     drops = np.zeros((len(draws), len(blocks)))

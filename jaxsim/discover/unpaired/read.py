@@ -119,7 +119,8 @@ def read_folder(frames: PolarFrames, word: str) -> SideFrames:
         images.append(image)
         labels.append({key: value for key, value in rasters.items() if key == "semantic"})
     all_or_none(frames.folder, frames.names, labels)
-    semantic = np.stack([one["semantic"] for one in labels]).astype(np.int32) if labels and all(labels) else None
+    known = bool(labels) and all(labels)
+    semantic = np.stack([rasters["semantic"] for rasters in labels]).astype(np.int32) if known else None
     scenes = tuple(f"{word}/{frames.about.get(name, {}).get('scene', name)}" for name in frames.names)
     return SideFrames(frames.names, scenes, tuple(images), semantic)
 

@@ -77,8 +77,8 @@ class JointFit:
 
     def __init__(self, problem: Conditional, chosen: Sequence[Columns]):
         self.problem = problem
-        self.effects: list[Effect] = [one.effect for one in chosen if one.effect is not None]
-        self.values: list[dict[str, Any]] = [dict(one.start) for one in chosen]
+        self.effects: list[Effect] = [found.effect for found in chosen if found.effect is not None]
+        self.values: list[dict[str, Any]] = [dict(found.start) for found in chosen]
         self.changes = [
             change_of(effect, problem.rays, problem.comparison.rows, spread=problem.spread) for effect in self.effects
         ]

@@ -88,7 +88,7 @@ def choose_unpaired(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Un
         if not good or len(steps) == RULES.unpaired_most_effects:
             return UnpairedChoice(tuple(steps), tuple(ranking))
         best = good[0]
-        alike = tuple(one for one in ranking if one is not best and _alike(one, best))
+        alike = tuple(candidate for candidate in ranking if candidate is not best and _alike(candidate, best))
         steps.append(Step(best, alike, tuple(ranking)))
         # All starts of the effect are done with, not the best alone.
         rest = [term for term in rest if term.name != best.name]
@@ -131,10 +131,10 @@ def rank_terms(
         for k, term in enumerate(terms)
     ]
     best = [
-        max((one for one in tested if one.name == name), key=lambda one: (one.accepted, one.total))
+        max((c for c in tested if c.name == name), key=lambda c: (c.accepted, c.total))
         for name in dict.fromkeys(term.name for term in terms)
     ]
-    return sorted(best, key=lambda one: -one.total)
+    return sorted(best, key=lambda candidate: -candidate.total)
 
 
 def held_out(problem: Conditional, near: Block, blocks: Sequence[Block]) -> Float[np.ndarray, "t f"]:
@@ -189,7 +189,7 @@ def outside_catalogue(
     problem: Conditional, choice: UnpairedChoice, curves: Sequence[UnpairedCandidate]
 ) -> Unexplained | None:
     """The best free curve if it gains so much more than the best effect that it is none of them."""
-    good = [one for one in curves if one.accepted and one.name in CURVES_ALONG]
+    good = [curve for curve in curves if curve.accepted and curve.name in CURVES_ALONG]
     best = choice.steps[0].chosen.total if choice.steps else 0.0
     if good and good[0].total > RULES.unpaired_curve_factor * best + RULES.curve_margin_nats:
         return _described(problem, good[0])

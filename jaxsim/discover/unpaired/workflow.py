@@ -104,7 +104,7 @@ def discover_unpaired(
         notes=(*unpaired_notes(comparison, find), *of_losses),
     )
     grid = comparison.grid
-    sensor = SensorModel(tuple((one.name, one.values) for one in effects))
+    sensor = SensorModel(tuple((effect.name, effect.values) for effect in effects))
     return Result(verdict, sensor, grid, shown.maps_before, shown.maps_after, shown.curves)
 
 
@@ -203,9 +203,9 @@ def curve_covariates(problem: Conditional, curves: Sequence[UnpairedCandidate]) 
     # Both are halves of squares, of which a share is that of the squares themselves.
     before = held_out_losses(problem, problem.nuisance).sum()
     return tuple(
-        Where("intensity", one.name, one.chance, float(max(one.by_scene.sum() / before, 0.0)))
-        for one in curves
-        if one.chance <= RULES.unpaired_agreement_level and one.total > 0
+        Where("intensity", curve.name, curve.chance, float(max(curve.by_scene.sum() / before, 0.0)))
+        for curve in curves
+        if curve.chance <= RULES.unpaired_agreement_level and curve.total > 0
     )
 
 
@@ -214,7 +214,7 @@ def why_not_unpaired(candidate: UnpairedCandidate, choice: UnpairedChoice) -> st
     first = choice.steps[0] if choice.steps else None
     if first and candidate.name == first.chosen.name:
         return ""
-    if first and candidate.name in {one.name for one in first.alike}:
+    if first and candidate.name in {look_alike.name for look_alike in first.alike}:
         return "these data cannot tell it from the one that is named"
     if candidate.accepted:
         return "it explains clearly less than the one that is named"

@@ -143,8 +143,8 @@ class Verdict:
     @property
     def not_testable(self) -> tuple[Sensitivity, ...]:
         """What the find scenes could not show at the size that was asked, and did not show at another."""
-        named = {one.name for one in self.effects}
-        return tuple(one for one in self.sensitivity if not one.testable and one.name not in named)
+        named = {effect.name for effect in self.effects}
+        return tuple(shown for shown in self.sensitivity if not shown.testable and shown.name not in named)
 
     def judged_nats(self, *channels: str) -> float:
         """Tells what judge scenes gain in these channels, in their mean, with all in place that was found: nats a

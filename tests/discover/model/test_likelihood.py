@@ -83,7 +83,7 @@ def test_the_right_gain_is_more_likely_than_a_wrong_one_and_a_constant_gain_is_f
 
     def total(change):
         rays = replace(evidence.rays, log_intensity=evidence.rays.log_intensity + change)
-        return float(intensity_terms(rays, evidence, START, equations=w, fitted=jnp.ones(6))[0].sum())
+        return float(intensity_terms(rays, evidence, START, equations=w, in_fit=jnp.ones(6))[0].sum())
 
     base = total(0.0)
     assert total(0.5) == pytest.approx(base, abs=0.5)
@@ -98,7 +98,7 @@ def test_channels_that_are_not_asked_for_are_zero(evidence):
     one, by = jnp.ones(6), {}
     for asked in (("intensity",), ("range", "drop"), CHANNELS):
         value, blocks, by[asked], _ = value_and_gradient(
-            fields, constant, evidence, noise=START, equations=w, fitted=one, counted=one, channels=asked
+            fields, constant, evidence, noise=START, equations=w, in_fit=one, counted=one, channels=asked
         )
         found = np.asarray(blocks)
         assert ((found != 0).all(0) == [channel in asked for channel in CHANNELS]).all()
@@ -115,17 +115,17 @@ def test_a_reading_of_nothing_has_the_probability_of_all_that_is_weaker():
 
 def test_a_zero_costs_little_where_the_simulation_is_as_dark_as_the_sensor_can_tell(evidence):
     zero = jnp.zeros(evidence.edge.shape)
-    w, fitted = normal_equations(evidence, START, (zero, zero)), jnp.zeros(6)
+    w, in_fit = normal_equations(evidence, START, (zero, zero)), jnp.zeros(6)
     dark = replace(evidence, log_intensity=jnp.full_like(evidence.log_intensity, float(np.log(1e-4))))
     dim = replace(evidence.rays, log_intensity=zero + evidence.lowest - 0.5)
     bright = replace(evidence.rays, log_intensity=zero - 0.5)
     w = w.replace(intensity=w.intensity * 0)
-    near, far = (intensity_terms(rays, dark, START, equations=w, fitted=fitted)[0] for rays in (dim, bright))
+    near, far = (intensity_terms(rays, dark, START, equations=w, in_fit=in_fit)[0] for rays in (dim, bright))
     counted = np.asarray(evidence.compared)
     assert np.asarray(near)[counted].min() > -1
     assert np.asarray(far)[counted].max() < -3
     lifted = replace(dark, log_intensity=dark.log_intensity + 0.1, lift=zero + 0.1)
-    same = intensity_terms(dim, lifted, START, equations=w, fitted=fitted)[0]
+    same = intensity_terms(dim, lifted, START, equations=w, in_fit=in_fit)[0]
     assert np.asarray(same)[counted].min() > -1
 
 
@@ -150,10 +150,10 @@ def test_readings_on_the_lattice_gain_its_step_and_others_lose(judged):
 
 
 def test_the_likelihood_of_judge_scenes_counts_the_lattice_that_the_rays_have(judged):
-    found, fitted, unit = judged
+    found, in_fit, unit = judged
     ev = replace(found.ev, range_m=jnp.round(found.ev.range_m / STEP_M) * STEP_M)
     stepped = replace(ev, rays=replace(ev.rays, range_step_m=jnp.float32(STEP_M)))
-    plain, on = [distance(replace(found, ev=one), fitted, found.equations, scene=unit) for one in (ev, stepped)]
+    plain, on = [distance(replace(found, ev=one), in_fit, found.equations, scene=unit) for one in (ev, stepped)]
     returned = np.asarray(ev.returned)[unit >= 6].sum((1, 2))
     assert ((on.log_likelihood - plain.log_likelihood)[:, 1] > returned).all()
 

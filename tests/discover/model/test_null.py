@@ -72,8 +72,8 @@ def test_a_threshold_on_an_uncertain_power_loses_the_mean_share(problem):
 
 @pytest.fixture(scope="module")
 def null(standard_promotion):
-    problem, fitted, _ = judged_toy()
-    return problem, fitted
+    problem, in_fit, _ = judged_toy()
+    return problem, in_fit
 
 
 def test_each_channel_is_standardised_where_it_counts_and_keeps_its_unit(null):

@@ -22,8 +22,8 @@ def test_reflectance_is_generalised_least_squares_with_random_surfaces_and_stree
     ev = evidence.replace(strip=jnp.asarray(strip), surface=jnp.asarray(of), precision=jnp.asarray(hold))
     residual = jnp.asarray(rng.normal(0, 0.2, strip.shape), jnp.float32)
     w = normal_equations(ev, START, (residual * 0, residual * 0))
-    fitted = jnp.asarray([1, 1, 1, 1, 0, 0], jnp.float32)
-    found, cost = (np.asarray(x, np.float64) for x in reflectance(ev, w, fitted, residual=residual))
+    in_fit = jnp.asarray([1, 1, 1, 1, 0, 0], jnp.float32)
+    found, cost = (np.asarray(x, np.float64) for x in reflectance(ev, w, in_fit, residual=residual))
 
     on = np.asarray(ev.compared)
     block = np.broadcast_to(np.arange(6)[:, None, None], on.shape)[on]

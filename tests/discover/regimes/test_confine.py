@@ -125,12 +125,12 @@ def test_what_judge_scenes_are_held_to_does_not_rest_on_what_they_report(standar
     scan, measured = device(scan, measured)
     frame = np.arange(9)
     column = np.broadcast_to(np.arange(0, 60, 2), (9, 30))
-    fitted = (frame < 6).astype(np.float32)
-    null, _ = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), fitted)
+    in_fit = (frame < 6).astype(np.float32)
+    null, _ = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), in_fit)
     law = EFFECTS["range_walk"]
-    result = replace(fit(law, null, fitted, steps=1), z=to_z(law, walk, 16), noise=null.noise)
+    result = replace(fit(law, null, in_fit, steps=1), z=to_z(law, walk, 16), noise=null.noise)
     scenes = object.__new__(AllScenes)
-    object.__setattr__(scenes, "fitted", fitted)
+    object.__setattr__(scenes, "in_fit", in_fit)
     judge = JudgeScenes(scenes, null)
     np.testing.assert_array_equal(judge.likelier_with(law, result)[6:], apart[6:])
 
@@ -141,7 +141,7 @@ def test_judge_scenes_join_by_half_of_their_columns_and_the_other_half_says_what
     joined, before = SimpleNamespace(), SimpleNamespace()
     nats = {id(joined): np.array([9.0, -2.0, -1.0]), id(before): np.array([0.0, 0.5, 0.5])}
     choosing = SimpleNamespace(_joined=lambda *_: (wider, joined))
-    scenes = SimpleNamespace(fitted=np.array([1.0, 0.0, 0.0]))
+    scenes = SimpleNamespace(in_fit=np.array([1.0, 0.0, 0.0]))
     asked = SimpleNamespace(scenes=scenes, _with=lambda choice: nats[id(choice)])
     monkeypatch.setattr(JudgeScenes, "halves", lambda self: (choosing, asked))
     judge = object.__new__(JudgeScenes)

@@ -16,14 +16,14 @@ pytestmark = pytest.mark.usefixtures("standard_promotion")
 
 @pytest.fixture(scope="module")
 def toy(standard_promotion):
-    problem, fitted, scene = judged_toy()
+    problem, in_fit, scene = judged_toy()
     columns = len(np.asarray(problem.scan.grid.azimuth_rad))
-    return problem, fitted, maps_of(problem, fitted, scene, columns=columns)
+    return problem, in_fit, maps_of(problem, in_fit, scene, columns=columns)
 
 
 def test_each_cell_holds_its_rays(toy):
-    problem, fitted, maps = toy
-    by_channel = residuals(problem, fitted)
+    problem, in_fit, maps = toy
+    by_channel = residuals(problem, in_fit)
     for name, weights in (("intensity", problem.equations.intensity), ("range", problem.equations.range_)):
         shown = np.asarray(weights)[2] * by_channel[name].off[2]
         column = np.asarray(problem.ev.rays.column)[2, :, 0]
@@ -42,14 +42,14 @@ def test_levels_of_strips_leave_less_of_columns_than_of_rows(toy):
 
 
 def test_rounding_is_off_by_more_on_dark_surfaces(toy):
-    problem, fitted, maps = toy
+    problem, in_fit, maps = toy
     assert half_steps(problem.ev) == {"intensity": 0.0, "range": 0.0}
     assert maps["intensity"].coarse is None
     ev = problem.ev
     rounded = jnp.log(jnp.maximum(jnp.round(jnp.exp(ev.log_intensity) * 100), 1) / 100)
     ev = replace(ev, log_intensity=rounded, own_step=jnp.array([0.0, 0.02]))
     assert half_steps(ev) == pytest.approx({"intensity": 0.005, "range": 0.01}, rel=1e-3)
-    made = maps_of(replace(problem, ev=ev), fitted, np.arange(9), columns=maps["range"].total.shape[2])
+    made = maps_of(replace(problem, ev=ev), in_fit, np.arange(9), columns=maps["range"].total.shape[2])
     assert made["range"].coarse is not None
     assert made["intensity"].coarse is not None
     np.testing.assert_allclose(made["range"].coarse[maps["range"].weight.sum(0) > 0], 0.01)

@@ -72,8 +72,8 @@ def judged(standard_promotion):
 
 
 def test_errors_are_those_of_the_residuals_and_likelihoods_those_of_their_law(judged):
-    found, fitted, scene = judged
-    told = distance(found, fitted, found.equations, scene=scene)
+    found, in_fit, scene = judged
+    told = distance(found, in_fit, found.equations, scene=scene)
     # The toy's sensor has range noise of 2 cm and loses one ray in a hundred.
     np.testing.assert_allclose(told.error[:, 1].mean(), 0.02 * np.sqrt(2 / np.pi), rtol=0.1)
     rays = 30 * 16
@@ -85,21 +85,21 @@ def test_errors_are_those_of_the_residuals_and_likelihoods_those_of_their_law(ju
 
 
 def test_noise_of_the_right_size_gains_and_errors_stay(judged):
-    found, fitted, scene = judged
+    found, in_fit, scene = judged
     loud = replace(found, noise=replace(found.noise, range_=found.noise.range_ + 0.7))
-    right = distance(found, fitted, found.equations, scene=scene)
-    wrong = distance(loud, fitted, found.equations, scene=scene)
+    right = distance(found, in_fit, found.equations, scene=scene)
+    wrong = distance(loud, in_fit, found.equations, scene=scene)
     assert (right.log_likelihood - wrong.log_likelihood)[:, 1].min() > 20
     np.testing.assert_array_equal(right.error[:, 1], wrong.error[:, 1])
 
 
 @pytest.fixture(scope="module")
 def both():
-    found, fitted, scene = judged_toy(gain=0.3)
+    found, in_fit, scene = judged_toy(gain=0.3)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        free = replace(found, ev=additive_floor(found, fitted, ["row"]).on(found.ev))
-        assert list(residuals(found, fitted)) == list(CHANNELS)
-        return [distance(problem, fitted, found.equations, scene=scene) for problem in (found, free)]
+        free = replace(found, ev=additive_floor(found, in_fit, ["row"]).on(found.ev))
+        assert list(residuals(found, in_fit)) == list(CHANNELS)
+        return [distance(problem, in_fit, found.equations, scene=scene) for problem in (found, free)]
 
 
 def test_along_the_rows_it_takes_beam_gains_and_leaves_ranges(both):
@@ -109,13 +109,13 @@ def test_along_the_rows_it_takes_beam_gains_and_leaves_ranges(both):
 
 
 def test_losses_along_a_covariate_are_taken_too():
-    found, fitted, scene = judged_toy()
+    found, in_fit, scene = judged_toy()
     ev = found.ev
     gone = (ev.rays.row == 9) & (np.random.default_rng(2).random(ev.returned.shape) < 0.5)
     found = replace(found, ev=ev.replace(returned=ev.returned & ~gone))
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        free = replace(found, ev=additive_floor(found, fitted, ["row"]).on(found.ev))
-        before, floor = [distance(one, fitted, found.equations, scene=scene) for one in (found, free)]
+        free = replace(found, ev=additive_floor(found, in_fit, ["row"]).on(found.ev))
+        before, floor = [distance(one, in_fit, found.equations, scene=scene) for one in (found, free)]
     assert (floor.log_likelihood - before.log_likelihood)[:, 2].min() > 20
     assert floor.error[:, 2].mean() < 0.7 * before.error[:, 2].mean()
 

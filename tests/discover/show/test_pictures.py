@@ -15,18 +15,18 @@ SD_M = 0.1
 
 @pytest.fixture(scope="module")
 def noisy(standard_promotion):
-    """(before, after, fitted, scene): beyond 12 m readings scatter by 0.1 m more, which `after` knows."""
-    before, fitted, scene = judged_toy()
+    """(before, after, in_fit, scene): beyond 12 m readings scatter by 0.1 m more, which `after` knows."""
+    before, in_fit, scene = judged_toy()
     ev, far = before.ev, before.ev.rays.range_m > 12
     noise = np.random.default_rng(3).normal(0, SD_M, ev.range_m.shape).astype(np.float32)
     before = replace(before, ev=replace(ev, range_m=ev.range_m + jnp.where(far, noise, 0)))
     rays = replace(ev.rays, noise_m=jnp.where(far, jnp.float32(SD_M), 0))
-    return before, replace(before, ev=replace(before.ev, rays=rays)), fitted, scene
+    return before, replace(before, ev=replace(before.ev, rays=rays)), in_fit, scene
 
 
 def test_a_scatter_that_follows_the_range_shows_before_and_not_after(noisy):
-    before, after, fitted, scene = noisy
-    lines = residual_curves(before, after, fitted=fitted, scene=scene, effects=[get_effect("range_noise")])
+    before, after, in_fit, scene = noisy
+    lines = residual_curves(before, after, in_fit=in_fit, scene=scene, effects=[get_effect("range_noise")])
     spread = {line.covariate: line for line in lines if line.spread}
     assert set(spread) == {"power", "range"}
     line = spread["range"]
@@ -38,8 +38,8 @@ def test_a_scatter_that_follows_the_range_shows_before_and_not_after(noisy):
 
 
 def test_where_nothing_scatters_more_there_are_means_alone(noisy):
-    before, _, fitted, scene = noisy
-    lines = residual_curves(before, before, fitted=fitted, scene=scene, effects=[get_effect("beam_range_bias")])
+    before, _, in_fit, scene = noisy
+    lines = residual_curves(before, before, in_fit=in_fit, scene=scene, effects=[get_effect("beam_range_bias")])
     assert [(line.channel, line.covariate, line.spread) for line in lines] == [("range", "row", False)]
 
 
@@ -55,8 +55,8 @@ def test_a_group_without_rays_has_no_mean():
 
 
 def test_maps_cover_the_grid_with_means_of_judge_frames(noisy):
-    before, _, fitted, scene = noisy
-    maps = residual_maps(before, fitted=fitted)
+    before, _, in_fit, scene = noisy
+    maps = residual_maps(before, in_fit=in_fit)
     assert {name: one.shape for name, one in maps.items()} == dict.fromkeys(("intensity", "range", "drop"), (16, 60))
     lost = np.asarray(~before.ev.returned)[scene >= 6]
     assert np.nanmax(maps["drop"]) <= 1

@@ -108,10 +108,7 @@ def through(
             results.append(x if norm is None else jax.nn.relu(norm(x, counted, statistics)))
         return tuple(results[-keep:])
 
-    def by_blocks(arrays: tuple[Array, ...], counted: Array) -> tuple[Array, ...]:
-        return _by_blocks(stages, arrays, counted, keep=keep)
-
-    function = by_blocks if statistics == "image" else at_once
+    function = partial(_by_blocks, stages, keep=keep) if statistics == "image" else at_once
     if len(counted) <= chunk:
         return function(arrays, counted)
     parts = tuple(_cut(x, chunk) for x in (*arrays, counted[None]))
