@@ -11,8 +11,9 @@ from jaxsim.effects.edits import wrapped
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import NEVER, Array, Rays
 
-SOFT_RAD = 0.01
-"""The echo's probability falls over this angle within what is hidden, so that its borders have a derivative."""
+SOFT_RAD = 0.002
+"""The echo's probability falls over this angle within what is hidden, so that its borders have a derivative: less than
+half a column, or a fit that looks at few columns would move a border which all of them show."""
 
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
