@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from jaxsim.data.cityscapes import IDS, NAMES
 from jaxsim.discover.model.evidence import Measured, near_enough
 from jaxsim.discover.rules import RULES
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array
 
@@ -23,7 +24,7 @@ CLASSES_TOLD = 3
 """Classes that a note names at most."""
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 """Rows and columns by which the four neighbours of a ray lie off."""
-BLOOMING_RAD = 0.16
+BLOOMING_RAD = 2 * EFFECTS["blooming"].parameters["radius_rad"].high
 """How far from a very bright target glare may be read: twice the largest radius of `blooming`."""
 
 

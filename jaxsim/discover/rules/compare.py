@@ -37,12 +37,12 @@ class CompareRules:
 
     # Surfaces that one side alone has.
     one_side_share: float = 0.003
-    """Share of the rays up to which readings of a surface that one side alone has are left where they are (set on
-    single effects and nulls of the development seeds: 0.13 % at most, beside edges)."""
+    """Share of all rays, with those that hit nothing, up to which readings of a surface that one side alone has are
+    left where they are (set on single effects and nulls of the development seeds: 0.13 % at most, beside edges)."""
     alike_by_chance: float = 0.1
     """Readings off what is simulated that are like one a quarter of the frame away, over those that are like a
     neighbour's: up to this share a neighbour's is of the same surface (set on the development seeds: fog and rain have
-    0.2 to 0.5, crosstalk and geometry less than 0.05)."""
+    0.19 to 0.5, crosstalk 0.01)."""
 
     # Noise and lattices of frames.
     finest_step: float = 1e-3
