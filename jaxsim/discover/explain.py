@@ -203,6 +203,11 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             "noise of neighbouring readings does not grow as echoes weaken: what grows is what the simulator does not "
             "know of grazing surfaces and of the sensor's pose"
         )
+    lines += [
+        f"found, and not said: {name}. {why[0].upper()}{why[1:]}. A sensor does the same to every surface: so it is "
+        "something of these surfaces that the simulator does not know, as soil that undulates or crowns of leaves"
+        for name, why in answer.denied
+    ]
     of_intensity = [effect for effect in named_effects if effect.channels == ("intensity",)]
     by_place = [effect for effect in of_intensity if effect.covariates and {*effect.covariates} <= {"range", "row"}]
     if by_place and len(np.unique(np.asarray(comparison.scan.semantic))) == 1:

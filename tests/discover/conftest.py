@@ -22,7 +22,7 @@ STREETS = 12
 LARGE = (
     *("model/test_smooth.py", "name/test_other_sides.py", "read/test_checks.py", "read/test_control.py"),
     *("regimes/test_find.py", "repeats/test_examine.py", "test_add.py", "test_contrast.py", "test_division.py"),
-    *("test_levels.py", "test_one_drive.py", "test_read.py", "test_workflow.py", "unpaired/test_workflow.py"),
+    *("test_levels.py", "test_few_drives.py", "test_read.py", "test_workflow.py", "unpaired/test_workflow.py"),
 )
 """Files whose drives are large, or fitted often: LLVM's work on what casts and fits them is worth its time there."""
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsim.discover.explain import named, notes, why_not
 from jaxsim.discover.model.noise_levels import Levels
-from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.answer import DENIED, Answer
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read.control import NO_CONTROL, Control
@@ -74,6 +74,12 @@ def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
     [note] = told(unconfirmed=("intensity along range",))
     assert note.startswith("not confirmed on unseen scenes: intensity along range ")
     assert note.endswith("it is not added")
+
+
+def test_what_one_class_alone_shows_is_told_to_be_of_its_surfaces():
+    [note] = told(denied=(("range_noise", f"{DENIED} terrain"),))
+    assert note.startswith("found, and not said: range_noise. All other surfaces speak against it, without those of")
+    assert "terrain. A sensor does the same to every surface" in note
 
 
 def test_a_contrast_that_is_left_free_is_told():

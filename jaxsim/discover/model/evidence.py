@@ -132,6 +132,11 @@ class Evidence:
         """The mask `in_fit` that leaves no block out: 1 for each."""
         return np.ones(len(self.scene), np.float32)
 
+    def by_scene(self, by_block: Float[np.ndarray, " b"]) -> Float[np.ndarray, " s"]:
+        """The sums of each scene's blocks, of the scenes that have any."""
+        scene = np.asarray(self.scene)
+        return np.bincount(scene, by_block, self.scenes)[np.unique(scene)]
+
     @property
     def smooth(self) -> Bool[Array, "b c r"]:
         """Whether the range is compared: both sides hit something, and at no edge."""

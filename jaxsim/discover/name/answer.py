@@ -16,8 +16,9 @@ from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.each_class import denied_without
 from jaxsim.discover.name.nulls import run_nulls
-from jaxsim.discover.name.other_sides import CONTROL, OtherSides
+from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
@@ -35,6 +36,9 @@ LeavesNothing = Callable[[Curve, Sequence[Law], float], bool]
 """Whether the law of a free curve, in place, leaves effects nothing to say that passes a bar."""
 
 SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before what is simulated"
+DENIED = "all other surfaces speak against it, without those of"
+"""Followed by a class's name."""
+SHOWN_ELSEWHERE = (EXCHANGED, CONTROL, SCARCE)
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 
 
@@ -55,9 +59,11 @@ class Answer:
     """Free curves that are not asked: those that nobody should ask of these sides, and those that are found on
     other sides as well."""
     elsewhere: tuple[tuple[str, str], ...] = ()
-    """All that was found, and is not said because other sides show it as well, in words, and why (`OtherSides.why`)."""
+    """All that was found, and is not said for one of SHOWN_ELSEWHERE, in words, and why."""
     unfounded: tuple[str, ...] = ()
     """Effects that were found, and are not said because neighbouring readings do not bear them out."""
+    denied: tuple[tuple[str, str], ...] = ()
+    """Effects that were found, and are not said because one class alone shows them, and why."""
     unconfirmed: tuple[str, ...] = ()
     """Free curves that scenes to which they were not fitted do not gain by, in words."""
 
@@ -84,16 +90,19 @@ def name_effects(
     and none of `unasked`.
     What `others` show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
     control's frames. They are asked where anything is found. Noise that grows as echoes weaken is said where that of
-    neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces. `leaves_nothing` tells
-    whether a free curve's law leaves effects nothing to say.
+    neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces. What one class
+    alone shows is not said (`denied_without`). `leaves_nothing` tells whether a free curve's law leaves effects nothing
+    to say.
     """
 
-    def refuse(step: FittedStep) -> str:
+    def refuse(step: FittedStep, beside: Problem) -> str:
         why = next((sides.why for other in others if (sides := other()).has(step, null)), "")
         if not why and step.chosen.effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
             why = SCARCE
         if not why and step.chosen.effect.name == "range_noise" and not noise_grows():
             why = UNFOUNDED
+        if not why and (alone := denied_without(step, beside)):
+            why = f"{DENIED} {alone}"
         if why:
             log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, not said: {why}")
         return why
@@ -119,13 +128,14 @@ def name_effects(
         # Effects that say less than what the simulator lacks by itself are part of that.
         choice = answer.choice if why == CONTROL else choice
         answer = decided(choice, but=(*unasked, *(along for along, _ in passed)))
-    effects = [(name, why) for name, why in choice.refused.items() if why != UNFOUNDED]
+    effects = [(name, why) for name, why in choice.refused.items() if why in SHOWN_ELSEWHERE]
     return replace(
         answer,
         nulls=drawn,
         unasked=(*unasked, *(along for along, _ in passed)),
         elsewhere=(*effects, *((in_words(along), why) for along, why in passed)),
         unfounded=tuple(name for name, why in choice.refused.items() if why == UNFOUNDED),
+        denied=tuple((name, why) for name, why in choice.refused.items() if why.startswith(DENIED)),
     )
 
 

@@ -81,9 +81,7 @@ class OtherSides:
         used = [CHANNELS.index(name) for name in channels_of(law) if name in self.channels]
 
         def by_scene(score: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " s"]:
-            scene = np.asarray(here.ev.scene)
-            by_block = (score - self.fit.score)[:, used].sum(-1)
-            return np.bincount(scene, by_block, here.ev.scenes)[np.unique(scene)]
+            return here.ev.by_scene((score - self.fit.score)[:, used].sum(-1))
 
         # None of the scenes decides alone.
         gained = float(clipped(by_scene(placed.score)).mean())
@@ -131,8 +129,7 @@ def clearly_more(there: Float[np.ndarray, " s"], here: Float[np.ndarray, " t"]) 
 
 def rays_of(problem: Problem) -> Float[np.ndarray, " s"]:
     """Rays that each scene of a problem holds: what its scenes say grows with them."""
-    scene = np.asarray(problem.ev.scene)
-    return np.bincount(scene, np.asarray(problem.ev.rays.hit).sum((1, 2)))[np.unique(scene)].astype(float)
+    return problem.ev.by_scene(np.asarray(problem.ev.rays.hit).sum((1, 2)).astype(float))
 
 
 def alike(division: Division, null: Problem) -> frozenset[str]:

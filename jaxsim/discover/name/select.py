@@ -131,8 +131,8 @@ class Choice(Selection[Candidate]):
     """Names of effects that were added and taken back, as what came after them explains what they did."""
 
 
-Refuse = Callable[[FittedStep], str]
-"""Why an effect that would be added is none after all; empty where it is one."""
+Refuse = Callable[[FittedStep, Problem], str]
+"""Why an effect that would be added to a problem is none after all; empty where it is one."""
 
 
 def too_rich(candidate: Candidate, best: Candidate) -> bool:
@@ -184,7 +184,7 @@ def second_choice(
     ranking = first.steps[step].ranking
     # What gained more only stood in for several, or the second choice will not hold.
     instead = fitted_step(with_others, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
-    if refuse and refuse(instead):
+    if refuse and refuse(instead, with_others):
         return first
     second = add_steps(problem, catalogue, (*earlier, instead), bars=bars, refuse=refuse, log=log)
     if not says_as_much(second, first):
@@ -241,7 +241,7 @@ def add_steps(
             ranking = rank_effects(problem, [e for e in catalogue if e.name not in done], bar=bars.effect)
         step = None if len(steps) == RULES.most_effects else first_step(problem, ranking, bars)
         # What is refused once stays out: the next best may be another matter altogether.
-        while step and refuse and (why := refuse(step)):
+        while step and refuse and (why := refuse(step, problem)):
             refused[step.chosen.effect.name] = why
             step = first_step(problem, [c for c in ranking if c.effect.name not in refused], bars)
         if step is None:

@@ -72,6 +72,11 @@ class NameRules:
     judgement, not calibrated)."""
     alike_nats: float = 2.0
     """Gain that is no difference between two candidates (a judgement, not calibrated)."""
+    class_least_share: float = 0.02
+    """Share of the rays that a class holds, and leaves, to be asked what the others say without it (a judgement, not
+    calibrated)."""
+    denied_level: float = 0.05
+    """Of the sign-flip test over scenes by which the others speak against an effect (a convention)."""
     elsewhere_share: float = 0.25
     """Share of its gain that what is found may gain on other sides (`name.other_sides`): what is new loses there (a
     judgement, not calibrated)."""
