@@ -34,10 +34,12 @@ class Parameter:
     meaning: str
     scale: float
     """A typical, clearly visible distance from `neutral`. The prior's standard deviation is `scale` for each entry of a
-    vector and three times it for a number (`discover.model.parameters`)."""
+    vector and three times it for a number (`discover.model.parameters`), unless it is `sparse`."""
     shape: Literal["scalar", "row", "class"] = "scalar"
     """row: one a beam, top first. class: one a Cityscapes id."""
     fitted: bool = True
+    sparse: bool = False
+    """Whether most entries of a vector are neutral, and a few are far off: dead beams are few."""
 
     def dims(self, rows: int) -> tuple[int, ...]:
         """Shape of its value on a sensor with so many beams."""

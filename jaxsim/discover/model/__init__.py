@@ -10,6 +10,7 @@ Letters
 What a fit climbs, in z and n (`fit.Objective`; derivatives in `gradients`)
 
     L(z, n) = sum over fitted blocks (intensity_b + range_b + drop_b) - |z / sd_z|^2 / 2 - |n - n_0|^2 / 2 sd_n^2
+                                   (of sparse z: - ln(1 + z^2 / 0.02^2) each)
 
 Intensity (`likelihood.intensity_terms`), over rays that are compared (`evidence.Evidence.compared`)
 
@@ -22,10 +23,12 @@ Intensity (`likelihood.intensity_terms`), over rays that are compared (`evidence
 Return and range: one mixture a ray, columns whole (`likelihood.return_terms`, `of_columns`)
 
     p(column) = (1 - g) prod_i p(ray_i) + g [no ray of it returned]                   column lost whole: g
-    p(d_i)    = C clutter(d_i) + (1 - C) { G ghost(d_i) + (1 - G) K_i h(d_i) }        of a ray that returned
-    p(none)   = (1 - C) (1 - G) (1 - K_i)
+    p(d_i)    = C clutter(d_i) + (1 - C) { G ghost(d_i) + (1 - G) [ K_i h(d_i) + B_i near(d_i) ] }    of a return
+    p(none)   = (1 - C) (1 - G) (1 - K_i - B_i)
     K_i       = keep_i (1 - q_drop)                  surface's echo is reported; q_drop: smooth, edge, beside the sky
                 q_false                              where the simulated ray hits nothing; another at edges
+    B_i       = (1 - keep_i) q_switch (1 - q_drop)   at edges: it is lost, and a neighbour's reported in its place, as
+                                                     far as the neighbours hit anything
     h(d)      = (1 - M) surface(d) + M between(d)    M mixed pixels: even between the surface and the one beside it
                 near(d) / 2 + 1 / 200 m              where the simulated ray hits nothing
     surface(d) = (1 - q_wide - q_switch) t4(d - r_i - shift_i(u); V_i)                 core
@@ -60,6 +63,7 @@ noise by L-BFGS-B, twice; noise once more. The weights then stay for all effects
 
 Priors and bounds, and where they are set
     z       scalars N(0, 3), entries of vectors N(0, 1); the effect's bounds       parameters.LOOSE, effects/catalogue
+            entries that are mostly 0 (`Parameter.sparse`) Cauchy(0, 0.02)         parameters.SPARSE
             heights of free curves N(0, 1), of 0.15 nats, 0.02, 3 cm, 0.1 lost     covariates.CURVES
     n       N(n_0, 2), n_0 where the fit begins; bounds                            noise.NOISE_SD, START, MOST, LEAST
     beta    kinds 0.3 nats, held within 0.7                                evidence.CLASS_SD, random_effects.CLASS_MOST

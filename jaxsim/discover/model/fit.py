@@ -85,9 +85,14 @@ class Fit:
 
 
 def channels_of(effect: Law) -> tuple[str, ...]:
-    """The channels whose likelihood an effect can change; range and drop are one mixture."""
-    returns = ("range", "drop") if {"range", "drop"} & set(effect.channels) else ()
-    return (*(("intensity",) if "intensity" in effect.channels else ()), *returns)
+    """The channels whose likelihood an effect can change."""
+    return coupled(effect.channels)
+
+
+def coupled(channels: Sequence[str]) -> tuple[str, ...]:
+    """The channels whose likelihood changes with that of any of these: range and drop are one mixture."""
+    returns = ("range", "drop") if {"range", "drop"} & set(channels) else ()
+    return (*(("intensity",) if "intensity" in channels else ()), *returns)
 
 
 def rays_for(effect: Law, ev: Evidence) -> Rays:
@@ -113,13 +118,11 @@ class Objective:
         self.first, self.restore = ravel(neutral), restorer(neutral)
         self.own = len(self.first) - len(jax.tree.leaves(problem.noise))
         """Entries of x that are the effect's; the others are the noise's."""
-        of_z = prior(effect, self.rows)
+        self.of_z = of_z = prior(effect, self.rows)
         self.sd = np.concatenate([of_z.sd, np.full(len(self.first) - self.own, NOISE_SD)])
         # No bound is None, as SciPy has it.
         of_noise = [(LEAST.get(name), MOST.get(name)) for name in problem.noise.__dataclass_fields__]
         self.bounds = [*zip(of_z.low, of_z.high, strict=True), *of_noise]
-        # z is held to neutral, noise to where the null left it.
-        self.centre = np.concatenate([np.zeros(self.own), self.first[self.own :]])
 
     def start(self, values: dict[str, Any]) -> Float[np.ndarray, " n"]:
         """The vector of an effect's values, in their units, and the null's noise."""
@@ -160,10 +163,11 @@ class Objective:
     def __call__(self, x: Float[np.ndarray, " n"]) -> Point:
         """Value and gradient with the normal priors, what the fit lowers; and every block's log-likelihood."""
         likelihood, gradient = self.data(x)
-        # The priors' share: half a square of the distance, and its derivative.
-        away = (x - self.centre) / self.sd
-        value = float(likelihood.value) + 0.5 * float(away @ away)
-        gradient = gradient + away / self.sd
+        # z is held to neutral, noise to where the null left it.
+        of_z, by_z = self.of_z.cost(x[: self.own])
+        moved = (x[self.own :] - self.first[self.own :]) / NOISE_SD
+        value = float(likelihood.value) + of_z + 0.5 * float(moved @ moved)
+        gradient = gradient + np.concatenate([by_z, moved / NOISE_SD])
         if np.isfinite(value) and np.isfinite(gradient).all():
             return Point(x, value, gradient, likelihood.blocks)
         return Point(x, NO_LOSS, np.zeros_like(x), likelihood.blocks)

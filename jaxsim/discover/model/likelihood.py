@@ -129,15 +129,31 @@ def log_stray(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[
     return switch, jnp.where(ev.edge, jax.nn.log_sigmoid(noise.wide_edge), jax.nn.log_sigmoid(noise.wide))
 
 
-def log_reported(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
-    """Logarithm of the probability that a ray returns: the surface's echo, or a false one where nothing is hit."""
+def log_echo(rays: Rays, ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
+    """Logarithms of the probabilities that a ray which hits something brings back the echo of its surface, and, while
+    this is lost, that of a neighbour: a ray which meets the background beside a post is not what hides the post."""
     stepped = jnp.logical_or(ev.edge, ev.step)
     missed = jnp.where(stepped, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
-    sky = ~jnp.isfinite(rays.beside_m).all(-1)
+    there = jnp.isfinite(rays.beside_m)
     # Silhouettes lose more than other edges: the later line wins.
-    missed = jnp.where(sky, jax.nn.log_sigmoid(-noise.drop_sky), missed)
-    false = jnp.where(ev.edge, jax.nn.log_sigmoid(noise.false_edge), jax.nn.log_sigmoid(noise.false))
-    return jnp.clip(jnp.where(rays.hit, rays.log_keep + missed, false), NEVER, -1e-6)
+    missed = jnp.where(there.all(-1), missed, jax.nn.log_sigmoid(-noise.drop_sky))
+    switch, _ = log_stray(ev, noise)
+    own_lost = jnp.log(-jnp.expm1(jnp.minimum(rays.log_keep, -1e-6)))
+    beside = own_lost + switch + jnp.log(there.mean(-1) + 1e-9)
+    return rays.log_keep + missed, jnp.maximum(beside + missed, NEVER)
+
+
+def log_false(ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
+    """Logarithm of the probability that a ray which hits nothing returns."""
+    return jnp.where(ev.edge, jax.nn.log_sigmoid(noise.false_edge), jax.nn.log_sigmoid(noise.false))
+
+
+def log_reported(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
+    """Logarithm of the probability that a ray returns: an echo of its surface or of a neighbour's, or a false one where
+    nothing is hit."""
+    own, beside = log_echo(rays, ev, noise)
+    echo = jnp.logaddexp(own, beside)
+    return jnp.clip(jnp.where(rays.hit, echo, log_false(ev, noise)), NEVER, -1e-6)
 
 
 def log_lost(rays: Rays, ev: Evidence, noise: Noise, *, clutter: bool = True) -> Float[Array, "b c r"]:
@@ -161,9 +177,9 @@ def return_terms(
     surface = _mix(rays.between, surface, _log_between(rays, ev))
     # Where nothing is predicted, half of the returns are a neighbour's surface, the others may lie anywhere.
     nothing = jnp.logaddexp(near, -math.log(CLUTTER_REACH_M)) - math.log(2)
-    surface = jnp.where(rays.hit, surface, nothing)
-
-    returned = log_reported(rays, ev, noise) + surface
+    own, beside = log_echo(rays, ev, noise)
+    echo = jnp.logaddexp(own + surface, beside + near)
+    returned = jnp.where(rays.hit, echo, log_false(ev, noise) + nothing)
     ghost = log_normal(ev.range_m - rays.ghost_m, jnp.exp(noise.range_) + 0.1)
     returned = _mix(rays.ghost, returned, ghost)
     # An early return hides all that comes behind it.

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Fit, Problem, fit, fit_noise, in_place
+from jaxsim.discover.model.fit import ANSWER_STEPS, ENOUGH, Chain, Fit, Problem, fit, fit_noise, in_place
 from jaxsim.discover.model.likelihood import MOST_LIKELY, log_lost
 from jaxsim.discover.model.noise import START, Noise, intensity_variance, reading_variance
 from jaxsim.discover.model.noise_levels import FINEST
@@ -169,7 +169,8 @@ def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) ->
                 fit(effect, problem, problem.ev.all_blocks, starts=start, steps=ANSWER_STEPS, fixed=read)
                 for start in starts
             ]
-            result = min(fits, key=lambda result: result.loss)
+            # What says the same stays where it is: borders between rays that are looked at have no likelihood.
+            result = next((other for other in fits[1:] if other.loss < fits[0].loss - ENOUGH), fits[0])
             values[k] = result.z
             refits[k] = Refit(effect, problem, result)
     return tuple(refits[k] for k in range(len(effects)))

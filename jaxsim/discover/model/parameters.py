@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from jaxsim.effects import Law, Parameter
 from jaxsim.frame import Array
@@ -19,14 +19,24 @@ from jaxsim.frame import Array
 LOOSE = 3.0
 """Prior standard deviation of a scalar z: data may take one number far beyond what is typical. An entry of a vector (a
 beam's, a class's) has 1: few rays speak for each, and all are shrunk."""
+SPARSE = 0.02
+"""Scale of the Cauchy prior of sparse numbers' z: of most it takes what chance says, of a few that stand out nothing
+but ln(1 + (z / SPARSE)^2)."""
 
 
 class Prior(NamedTuple):
-    """Every z's prior, in the order of `ravel`: normal about 0, between bounds."""
+    """Every z's prior, in the order of `ravel`: normal about 0, or of sparse numbers Cauchy's, between bounds."""
 
     sd: Float[np.ndarray, " n"]
+    sparse: Bool[np.ndarray, " n"]
     low: Float[np.ndarray, " n"]
     high: Float[np.ndarray, " n"]
+
+    def cost(self, z: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Minus the logarithm of the prior's density, up to a constant, and its derivatives."""
+        normal, cauchy = np.where(self.sparse, 0, z / self.sd), np.where(self.sparse, z / SPARSE, 0)
+        value = 0.5 * float(normal @ normal) + float(np.log1p(cauchy**2).sum())
+        return value, normal / self.sd + 2 * cauchy / (1 + cauchy**2) / SPARSE
 
 
 def fitted_parameters(effect: Law) -> dict[str, Parameter]:
@@ -50,17 +60,19 @@ def to_z(effect: Law, values: dict[str, Any], rows: int, *, dtype: type = np.flo
 
 
 def prior(effect: Law, rows: int) -> Prior:
-    """Standard deviation and bounds of every z on a sensor of so many beams."""
+    """Every z's prior on a sensor of so many beams."""
     sd = {}
+    sparse = {}
     low = {}
     high = {}
     for name, p in fitted_parameters(effect).items():
         # float32, as z: bounds and values meet exactly.
         one = np.ones(p.dims(rows), np.float32)
         sd[name] = one * (LOOSE if p.shape == "scalar" else 1.0)
+        sparse[name] = one * p.sparse
         low[name] = one * (p.low - p.neutral) / p.scale
         high[name] = one * (p.high - p.neutral) / p.scale
-    return Prior(ravel(sd), ravel(low), ravel(high))
+    return Prior(ravel(sd), ravel(sparse) > 0, ravel(low), ravel(high))
 
 
 def ravel(tree: Any) -> Float[np.ndarray, " n"]:

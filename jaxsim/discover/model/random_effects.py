@@ -22,7 +22,7 @@ from jaxsim.discover.model.cast import FIRM, STREET_SD, STRIP_SD
 from jaxsim.discover.model.evidence import POSE_SD, Evidence
 from jaxsim.discover.model.noise import DEGREES, Noise, intensity_variance, reading_variance
 from jaxsim.frame import Array
-from jaxsim.products import einsum, matmul
+from jaxsim.products import einsum, inverse, matmul
 
 CLASS_MOST = 0.7
 """A class's reflectance is off by a factor of 2 at most: what is brighter is no diffuse surface."""
@@ -101,11 +101,11 @@ def normal_equations(
     classes = ((kinds > 0) & (kinds < gram.shape[-1] - ev.after_kinds)).astype(gram.dtype)
     mask = jnp.outer(classes, classes)[None]
     prior = jnp.diag(jnp.where(classes > 0, 1 / STREET_SD**2, 1.0))
-    street = jnp.linalg.inv(gram * mask + prior[None]) * mask
+    street = inverse(gram * mask + prior[None]) * mask
     # A pose is a small normal problem of its own in each block: six numbers, held by their prior.
     prior = jnp.diag(jnp.asarray(1 / POSE_SD**2, jnp.float32))
     information = einsum("bcri,bcrj,bcr->bij", ev.pose, ev.pose, weight_r) + prior[None]
-    return NormalEquations(weight_i, weight_r, strips, surfaces, gram, street, jnp.linalg.inv(information))
+    return NormalEquations(weight_i, weight_r, strips, surfaces, gram, street, inverse(information))
 
 
 def _strips(ev: Evidence, weight: Float[Array, "b c r"], weighted: Float[Array, "b c r p"]) -> Groups:

@@ -129,7 +129,8 @@ def rank_effects(
         # A lattice's step is read off the readings; its fit moves the noise alone, and has no direction.
         step = steps.get(effect.name)
         at = None if step is None else ({next(iter(effect.parameters)): step},)
-        starts = at or ({}, *effect.starts, *starts_read.get(effect.name, ()))
+        # Of starts that say the same the first is taken: those that are read off all columns know more than the fit.
+        starts = at or ({}, *starts_read.get(effect.name, ()), *effect.starts)
         begin = best_starts(effect, problem, starts, parts=masks)
         for in_fit, base, start, begun_at in zip(masks, null, problems, begin, strict=True):
             result = fit(effect, start, in_fit, starts=(begun_at,), fixed=at is not None)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import jax
 import numpy as np
 from jaxtyping import Bool
 
@@ -62,7 +63,9 @@ class Dense:
 
         null = self.scenes.null
         rows, columns = null.division.scan.range_m.shape[1:]
-        return learn_repeats([pattern_form(pattern, rows, columns) for pattern in patterns], self.finding, maps_with)
+        usual = float(jax.nn.sigmoid(noise.drop))
+        forms = [pattern_form(pattern, rows, columns, usual_loss=usual) for pattern in patterns]
+        return tuple(one for one in learn_repeats(forms, self.finding, maps_with) if one.can_be_added)
 
 
 def examine(null: NullModel, chain: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.repeats.find import FoundPattern, common_size, height_of
 from jaxsim.discover.repeats.maps import Maps, MapSums, PatternMap
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Repeat
 from jaxsim.effects import Law
 from jaxsim.effects.learned import LIMITS, Learned
@@ -47,6 +48,20 @@ class RepeatForm:
     variance: float
     """Variance of the heights, where they are many and share one: how large the pattern is. Infinite where each is its
     own."""
+    usual_loss: float
+    """Share of the rays that is lost everywhere."""
+
+    def in_place(self, heights: _Heights) -> PatternMap:
+        """What the law of fitted heights changes, within what a law may."""
+        if self.origin.scale.turns:
+            return self.spread(self._swings(heights))
+        return _allowed(self.spread(heights), self.origin.repeat.channel, usual_loss=self.usual_loss)
+
+    def _swings(self, heights: _Heights) -> _Heights:
+        """Heights of a wave. One of drops swings about a level of its own height: both together stay a probability."""
+        channel = self.origin.repeat.channel
+        limit = LIMITS[channel][1] / (2 if channel == "drop" else 1)
+        return np.clip(heights, -limit, limit)
 
     def learned(self, heights: _Heights, sd: _Heights) -> Learned:
         """The law of fitted heights."""
@@ -54,24 +69,21 @@ class RepeatForm:
         if scale.turns:
             turns = scale.turns(self.origin.number)
             used = [(name, (turn,)) for name, turn in zip(("row", "column"), turns, strict=True) if turn]
-            # A wave of drops swings about a level of its own height: both together stay a probability.
-            limit = LIMITS[channel][1] / (2 if channel == "drop" else 1)
-            values = np.clip(heights, -limit, limit)
             names, knots = zip(*used, strict=True)
-            return Learned(channel, "wave", names, knots, _plain(values), _plain(sd))
+            return Learned(channel, "wave", names, knots, _plain(self._swings(heights)), _plain(sd))
         if scale.name == "parity":
             names = tuple(f"even {name}s" for name in ("row", "column") if name in scale.along)
             # Two rows and two columns hold all of a parity.
-            corner = self.spread(heights)[:2, :2]
+            corner = self.in_place(heights)[:2, :2]
             spread = self.spread(sd)[:2, :2]
             cut = np.ix_(*([0, 1] if name in scale.along else [0] for name in ("row", "column")))
             knots = ((0.0, 1.0),) * len(names)
-            return Learned(channel, "table", names, knots, _allowed(corner[cut], channel), _plain(np.abs(spread[cut])))
-        return _table(self.spread(heights), self.spread(sd), along=scale.along, channel=channel)
+            return Learned(channel, "table", names, knots, _plain(corner[cut]), _plain(np.abs(spread[cut])))
+        return _table(self.in_place(heights), self.spread(sd), along=scale.along, channel=channel)
 
 
-def pattern_form(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
-    """The form of a pattern on a grid of so many rows and columns."""
+def pattern_form(origin: FoundPattern, rows: int, columns: int, *, usual_loss: float) -> RepeatForm:
+    """The form of a pattern on a grid of so many rows and columns, of rays of which a share is lost everywhere."""
     scale, k = origin.scale, origin.number
     if scale.pattern is None:
         shape = [count if name in scale.along else 1 for name, count in (("row", rows), ("column", columns))]
@@ -84,7 +96,15 @@ def pattern_form(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
             return np.broadcast_to(heights.reshape(shape), (rows, columns))
 
         size = origin.repeat.size.value
-        return RepeatForm(origin, int(np.prod(shape)), spread, gather, lambda weight: gather(weight[None])[0], size**2)
+        return RepeatForm(
+            origin,
+            int(np.prod(shape)),
+            spread,
+            gather,
+            lambda weight: gather(weight[None])[0],
+            size**2,
+            usual_loss,
+        )
     # A wave is free in its phase: its cosine and its sine.
     phases = (1, -1j) if scale.turns else (1,)
     made = np.stack([scale.pattern(k, phase) for phase in phases])
@@ -95,6 +115,7 @@ def pattern_form(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
         lambda total: np.einsum("nrc,mrc->nm", total, made),
         lambda weight: np.einsum("rc,mrc->m", weight, made**2),
         np.inf,
+        usual_loss,
     )
 
 
@@ -104,19 +125,20 @@ def _table(pattern: PatternMap, sd: PatternMap, *, along: str, channel: str) -> 
     # Along the other axis it is the same everywhere.
     for axis in {0, 1}.difference(axes):
         pattern, sd = pattern.take([0], axis), sd.take([0], axis)
-    pattern = np.array(_allowed(pattern, channel)).reshape(pattern.shape)
-    used = [np.flatnonzero(pattern.any(1 - axis)) for axis in (0, 1)]
+    # Where nothing is left that a law may change, one number says so.
+    used = [np.flatnonzero(pattern.any(1 - axis)) if pattern.any() else np.zeros(1, int) for axis in (0, 1)]
     cut = np.ix_(*used)
     names = tuple(("row", "column")[axis] for axis in axes)
     knots = tuple(_plain(used[axis]) for axis in axes)
     return Learned(channel, "table", names, knots, _plain(pattern[cut]), _plain(np.abs(sd[cut])))
 
 
-def _allowed(values: np.ndarray, channel: str) -> tuple[float, ...]:
-    """The heights within what a law may change; of echoes no share below none is lost, so all are told above the
-    least."""
+def _allowed(values: Float[np.ndarray, "*n"], channel: str, *, usual_loss: float) -> Float[np.ndarray, "*n"]:
+    """The heights within what a law may change. No law brings echoes back: where fewer than usual are lost, all are
+    told above the least, up to what is lost everywhere."""
     low, high = LIMITS[channel]
-    return _plain(np.clip(values - min(values.min(), 0.0) if channel == "drop" else values, low, high))
+    above = np.clip(-values.min(), 0, usual_loss) if channel == "drop" else 0.0
+    return np.clip(values + above, low, high)
 
 
 def _plain(numbers: np.ndarray) -> tuple[float, ...]:
@@ -139,6 +161,12 @@ class LearnedRepeat:
     grid: tuple[int, int]
     """Rows and columns."""
 
+    @property
+    def can_be_added(self) -> bool:
+        """Whether its law does what the pattern shows. Where fewer echoes are lost than an effect in place says, no law
+        brings them back: that effect's numbers are off, and nothing is missing."""
+        return bool(np.max(np.abs(self.learned.values)) >= RULES.repeats_added_share * abs(self.repeat.size.value))
+
 
 def learn_repeats(
     forms: Sequence[RepeatForm], finding: Finding, maps_with: Callable[[Sequence[Learned]], Mapping[str, Maps]]
@@ -154,7 +182,7 @@ def learn_repeats(
             of = {k: form for k, form in enumerate(forms) if form.origin.repeat.channel == channel}
             # The patterns are back in the residuals, as the model has them about what was fitted before.
             maps = remaining[channel]
-            before = {k: maps.centred(maps.response(form.spread(heights[k]))) for k, form in of.items()}
+            before = {k: maps.centred(maps.response(form.in_place(heights[k]))) for k, form in of.items()}
             whole = replace(maps, total=maps.centred(maps.total) + sum(before.values()))
             heights |= dict(zip(of, solve_heights(whole, list(of.values()), finding), strict=True))
             now = {k: maps.centred(maps.response(form.spread(heights[k]))) for k, form in of.items()}

@@ -47,6 +47,8 @@ class LearnRules:
     repeats_least_variance: float = 0.01
     """Variance that every return has at least, so that no ray that surely returns decides (a judgement, not
     calibrated)."""
+    repeats_added_share: float = 0.5
+    """Share of its size that the law of a pattern must be able to change (a judgement, not calibrated)."""
     repeats_one_pattern: float = 0.5
     """Share of what scenes' maps have in common that one pattern must explain to be told in place of all (a convention:
     the majority)."""

@@ -20,7 +20,7 @@ from jaxsim.devices import by_small_steps, side_by_side
 from jaxsim.discover.add import Added
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.division import AllScenes, Division, NullModel
-from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Problem, fit, in_place
+from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Problem, coupled, fit, in_place
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import fit_null, refit, refitted, reweighted
@@ -154,7 +154,8 @@ def without_unconfirmed(verdict: Verdict) -> Verdict:
     The mean decides, not its interval: judge scenes are few, and right effects may be rare or weak
     (`Rules.confirmed_nats`).
     """
-    lost = tuple(effect for effect in verdict.effects if verdict.judged_nats(*effect.channels) <= RULES.confirmed_nats)
+    gained = [verdict.judged_nats(*coupled(effect.channels)) for effect in verdict.effects]
+    lost = tuple(one for one, nats in zip(verdict.effects, gained, strict=True) if nats <= RULES.confirmed_nats)
     if not lost:
         return verdict
     confirmed_effects = tuple(effect for effect in verdict.effects if effect not in lost)

@@ -18,7 +18,9 @@ EFFECT = Effect(
     title="single beams are dead, or lose returns",
     formula="keep *= 1 − probability[row]",
     parameters={
-        "probability": Parameter(0.0, 0.0, 0.999, "", "share of each beam's echoes lost", scale=0.1, shape="row"),
+        "probability": Parameter(
+            0.0, 0.0, 0.999, "", "share of each beam's echoes lost", scale=0.1, shape="row", sparse=True
+        ),
     },
     channels=("drop",),
     signature="Rows without returns, or with fewer than their neighbours, at all ranges, angles and classes.",

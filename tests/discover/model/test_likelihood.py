@@ -25,11 +25,12 @@ BROAD = START.replace(range_=jnp.float32(np.log(0.2)))
     [
         {},
         {"log_keep": -0.7},
+        {"log_keep": -50.0},
         {"between": 0.4, "between_m": 30.0},
         {"ghost": 0.2, "ghost_m": 5.0},
         {"clutter": 0.3, "clutter_power": -2.0, "clutter_scale_m": 15.0, "clutter_from_m": 1.5},
     ],
-    ids=lambda change: next(iter(change), "plain"),
+    ids=["plain", "half kept", "lost", "between", "ghost", "clutter"],
 )
 def test_no_return_and_all_ranges_together_have_probability_one(evidence, change):
     rays = replace(evidence.rays, **{k: jnp.full(evidence.edge.shape, v, jnp.float32) for k, v in change.items()})
@@ -64,6 +65,25 @@ def test_at_an_edge_a_reading_may_lie_anywhere_before_the_surface_but_not_behind
     assert (at(0.5)[edge] > at(1.5)[edge] + 1).all()
     np.testing.assert_allclose(at(0.25)[edge], at(0.5)[edge], atol=0.3)
     np.testing.assert_allclose(at(0.5)[plain], at(1.5)[plain], atol=0.01)
+
+
+def test_what_hides_a_post_does_not_hide_what_a_ray_beside_it_reads(evidence):
+    """A gate, a sector: the simulated ray meets the post, the measured one what stands behind."""
+    zero = jnp.zeros(evidence.edge.shape)
+    w = normal_equations(evidence, START, (zero, zero)).replace(range_=zero)
+    around = evidence.rays.beside_m
+    behind = jnp.where(jnp.isfinite(around).all(-1), around.max(-1), 0)
+    ev = replace(evidence, returned=evidence.returned | True, range_m=behind)
+
+    def at(keep):
+        post = {"range_m": behind / 2, "reading_m": behind / 2, "log_keep": jnp.full_like(behind, keep)}
+        return np.asarray(return_terms(evidence.rays.replace(**post), ev, START, equations=w, clutter=False)[1])
+
+    hit = np.asarray(evidence.rays.hit) & (np.asarray(behind) > 10)
+    other, plain = hit & np.asarray(evidence.edge), hit & ~np.asarray(evidence.edge)
+    assert other.any()
+    np.testing.assert_allclose(at(-50.0)[other], at(0.0)[other], atol=0.5)
+    assert (at(-50.0)[plain] < at(0.0)[plain] - 6).all()
 
 
 @jax.jit

@@ -50,3 +50,21 @@ def test_a_vector_has_double_precision_and_a_tree_single():
     assert ravel({}).shape == (0,)
     precise = to_z(EFFECTS["range_falloff"], {}, ROWS, dtype=np.float64)
     assert all(value.dtype == np.float64 for value in precise.values())
+
+
+def test_of_sparse_numbers_a_few_far_off_cost_less_than_many_that_are_a_little_off():
+    beams, gains = prior(EFFECTS["beam_dropout"], ROWS), prior(EFFECTS["beam_gain"], ROWS)
+    few, many = np.eye(ROWS)[3], np.full(ROWS, ROWS**-0.5)
+    assert beams.cost(few)[0] < beams.cost(many)[0] / 4
+    assert gains.cost(few)[0] == pytest.approx(gains.cost(many)[0])
+
+
+@pytest.mark.parametrize("name", ["beam_dropout", "beam_gain", "range_falloff"])
+def test_the_prior_s_derivatives_are_those_of_its_cost(name):
+    effect = EFFECTS[name]
+    of_z = prior(effect, ROWS)
+    at = np.random.default_rng(1).uniform(0, 1, len(of_z.sd))
+    for k in range(len(at)):
+        step = 1e-6 * np.eye(len(at))[k]
+        slope = (of_z.cost(at + step)[0] - of_z.cost(at - step)[0]) / 2e-6
+        assert of_z.cost(at)[1][k] == pytest.approx(slope, rel=1e-4)

@@ -87,3 +87,9 @@ def test_what_an_effect_scatters_is_no_outlier_to_the_pose(evidence):
     rounded = evidence.replace(rays=replace(evidence.rays, range_step_m=jnp.float32(0.05)))
     by_step = normal_equations(rounded, sure, (off, off))
     np.testing.assert_allclose(by_step.range_, normal_equations(evidence, usual, (off, off)).range_, rtol=1e-4)
+
+
+def test_weights_of_several_threads_at_once_do_not_wait_for_each_other(evidence):
+    """LAPACK's calls on several matrices did, for ever, on two cores (`products.inverse`)."""
+    zero = jnp.zeros(evidence.edge.shape)
+    assert "lapack" not in normal_equations.lower(evidence, START, (zero, zero)).as_text()

@@ -189,7 +189,9 @@ def test_what_is_refused_is_passed_over_and_told(monkeypatch):
     monkeypatch.setattr(select, "with_steps", lambda null, steps: null)
     catalogue = [one.effect for one in (best, next_best, weak)]
     whole = problem(ev=SimpleNamespace(scene=np.arange(11)))
-    choice = select.choose(whole, catalogue, refuse=lambda one, beside: "noise" * (one.chosen.effect.name == "gamma_response"))
+    choice = select.choose(
+        whole, catalogue, refuse=lambda one, beside: "noise" * (one.chosen.effect.name == "gamma_response")
+    )
     assert [one.chosen.effect.name for one in choice.steps] == ["beam_gain"]
     assert choice.refused == {"gamma_response": "noise"}
     # It stays in the ranking that is told, and is not fitted again beside the others.

@@ -29,7 +29,7 @@ def height_of(law: Learned) -> np.ndarray:
     return height
 
 
-def learn(pattern, channel="intensity"):
+def learn(pattern, channel="intensity", *, usual_loss=1.0):
     """Of maps in which levels take up a share of everything, and weights fall where laws are not in place."""
 
     def maps_with(laws):
@@ -42,7 +42,7 @@ def learn(pattern, channel="intensity"):
 
     first = maps_with([])
     found = find_repeats({channel: first[channel]}, FINDING, bins=32)
-    forms = [pattern_form(one, ROWS, COLUMNS) for one in found]
+    forms = [pattern_form(one, ROWS, COLUMNS, usual_loss=usual_loss) for one in found]
     return learn_repeats(forms, FINDING, maps_with)
 
 
@@ -90,6 +90,16 @@ def test_of_returns_no_share_below_none_is_lost():
     assert one.learned.kind == "table"
     assert min(one.learned.values) == 0
     assert max(one.learned.values) == pytest.approx(0.3, abs=0.08)
+
+
+@pytest.mark.parametrize(("usual", "added"), [(0.005, False), (1.0, True)])
+def test_columns_of_which_fewer_are_lost_than_an_effect_says_add_nothing(usual, added):
+    [one, *_] = learn(0.45 * CASES["columns"], channel="drop", usual_loss=usual)
+    assert one.repeat.size.value == pytest.approx(-0.9, rel=0.2)
+    assert one.can_be_added == added
+    # What all others lose is told above the least, where so much is lost everywhere.
+    others = height_of(one.learned)[:, COLUMN[0] // 3 != 8]
+    assert others.mean() == pytest.approx(0.9 * added, abs=0.05)
 
 
 @pytest.mark.parametrize(
