@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from jaxsim.files.texts import parse_json, parse_settings
+from jaxsim.files.texts import parse_json, parse_settings, read_text
 from jaxsim.files.whole import replacing
 
 
@@ -43,9 +43,11 @@ def claim(
         was = unsaid
         if exists:
             try:
-                was = read(record.read_bytes())
+                was = read(read_text(record, by=by).encode())
             except (ValueError, KeyError, TypeError, AttributeError) as error:
-                raise ValueError(f"{by}: {record} cannot be read ({error!r}); {remedy}") from error
+                wrong = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+                told = "it holds something else" if isinstance(error, TypeError | AttributeError) else wrong
+                raise ValueError(f"{by}: {record} cannot be read ({told}); copy it again, or {remedy}") from error
         elif was is None:
             raise ValueError(f"{by}: {folder} is not empty, and no {record.name} says what it was made with; {remedy}")
         other = {name: values for name, *values in _changes(was, made, free=free)}

@@ -48,10 +48,18 @@ def test_results_without_a_record_are_refused_unless_that_says_something(tmp_pat
     claimed(tmp_path, {"salt": 0}, filled=True, unsaid={"salt": 0})
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"other": 1}'])
-def test_a_damaged_record_says_so(tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{", "Expecting property"),
+        ("[]", "it holds something else"),
+        ('{"other": 1}', "it lacks 'made'"),
+        ("\0" * 20, "20 of 20 bytes are 0"),
+    ],
+)
+def test_a_damaged_record_says_so(tmp_path, text, told):
     (tmp_path / "made.json").write_text(text)
-    with pytest.raises(ValueError, match=r"made\.json cannot be read"):
+    with pytest.raises(ValueError, match=rf"made\.json cannot be read \([^()]*{told}.*\); copy it again, or give"):
         claimed(tmp_path, {"salt": 1}, read=lambda record: json.loads(record)["made"])
 
 
