@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from jaxsim.files.texts import parse_json, parse_settings, read_text
+from jaxsim.files.texts import parse_json, parse_settings, read_text, words_of_wrong
 from jaxsim.files.whole import replacing
 
 
@@ -45,9 +45,8 @@ def claim(
             try:
                 was = read(read_text(record, by=by).encode())
             except (ValueError, KeyError, TypeError, AttributeError) as error:
-                wrong = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
-                told = "it holds something else" if isinstance(error, TypeError | AttributeError) else wrong
-                raise ValueError(f"{by}: {record} cannot be read ({told}); copy it again, or {remedy}") from error
+                wrong = words_of_wrong(error)
+                raise ValueError(f"{by}: {record} cannot be read ({wrong}); copy it again, or {remedy}") from error
         elif was is None:
             raise ValueError(f"{by}: {folder} is not empty, and no {record.name} says what it was made with; {remedy}")
         other = {name: values for name, *values in _changes(was, made, free=free)}

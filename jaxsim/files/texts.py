@@ -31,9 +31,15 @@ def placed(where: str, *more: type[Exception], then: str = "") -> Iterator[None]
     try:
         yield
     except (ValueError, *more) as error:
-        # Of a KeyError the words are the key alone.
-        told = f"lacks {error}" if isinstance(error, KeyError) else str(error)
-        raise ValueError(f"{where}: {told}{then and f'; {then}'}") from error
+        raise ValueError(f"{where}: {words_of_wrong(error)}{then and f'; {then}'}") from error
+
+
+def words_of_wrong(error: Exception) -> str:
+    """What a file's reader found wrong, in words: of a KeyError Python says the key alone, and of values of another
+    kind what cannot be done with them."""
+    if isinstance(error, KeyError):
+        return f"lacks {error}"
+    return "a value is of another kind" if isinstance(error, TypeError | AttributeError) else str(error)
 
 
 def first_line(error: BaseException) -> str:

@@ -52,8 +52,8 @@ def test_results_without_a_record_are_refused_unless_that_says_something(tmp_pat
     ("text", "told"),
     [
         ("{", "Expecting property"),
-        ("[]", "it holds something else"),
-        ('{"other": 1}', "it lacks 'made'"),
+        ("[]", "a value is of another kind"),
+        ('{"other": 1}', "lacks 'made'"),
         ("\0" * 20, "20 of 20 bytes are 0"),
     ],
 )

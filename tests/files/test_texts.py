@@ -85,6 +85,13 @@ def test_only_a_number_is_a_number(value):
         real(value)
 
 
+def test_a_value_of_another_kind_is_told_without_pythons_words(tmp_path):
+    for content in ("[]", "null", '{"effects": 3}'):
+        (tmp_path / "sensor.json").write_text(content)
+        with pytest.raises(ValueError, match=r"sensor\.json is not .*: a value is of another kind$"):
+            SensorModel.load(tmp_path / "sensor.json")
+
+
 def test_a_misspelt_key_names_the_nearest(tmp_path):
     with pytest.raises(ValueError, match=r"'orign' means nothing here; did you mean origin\?"):
         check_keys({"orign": 1}, ("azimuth", "origin"), where="grid.json")
