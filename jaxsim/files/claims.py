@@ -46,7 +46,8 @@ def claim(
                 was = read(read_text(record, by=by).encode())
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 wrong = words_of_wrong(error)
-                raise ValueError(f"{by}: {record} cannot be read ({wrong}); copy it again, or {remedy}") from error
+                told = wrong if str(record) in wrong else f"{by}: {record} cannot be read ({wrong}); copy it again"
+                raise ValueError(f"{told}; or {remedy}") from error
         elif was is None:
             raise ValueError(f"{by}: {folder} is not empty, and no {record.name} says what it was made with; {remedy}")
         other = {name: values for name, *values in _changes(was, made, free=free)}

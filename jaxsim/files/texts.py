@@ -66,11 +66,14 @@ def read_names(path: Path, *, by: str) -> list[str]:
     return names
 
 
-def read_text(path: Path | str, *, by: str, most: int = MOST_TEXT) -> str:
+def read_text(path: Path | str, *, by: str, most: int = MOST_TEXT, grows: bool = False) -> str:
     """A UTF-8 text without its byte order mark. Raises ValueError where it is none, with the line, where it holds
-    bytes that are 0, as a file whose content was lost, and where it is too large."""
+    bytes that are 0, as a file whose content was lost, and where it is too large. Of a text that `grows` such bytes at
+    its end are left out: a machine that lost its power had made room for what was to come."""
     check_size(path, by=by, most=most)
     content = Path(path).read_bytes()
+    if grows:
+        content = content.rstrip(b"\0")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
