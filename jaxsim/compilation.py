@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,31 @@ def enable_compilation_cache() -> None:
     if folder:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+        _keep_whole_ones()
     # To note where in the source each operation stands takes much of a short run, and nobody reads it.
     jax.config.update("jax_traceback_in_locations_limit", 0)
+
+
+@cache
+def _keep_whole_ones() -> None:
+    """Has JAX keep no program that a full disk cut off: it writes none over such a one, so that every later process
+    would warn of it and compile anew. Where a later JAX writes in another way, it is left to it."""
+    from jax._src import lru_cache  # it has no public name
+
+    put = getattr(getattr(lru_cache, "LRUCache", None), "put", None)
+    suffix = getattr(lru_cache, "_CACHE_SUFFIX", None)
+    if put is None or suffix is None:
+        return
+
+    @wraps(put)
+    def put_whole(self: Any, key: str, value: bytes) -> None:
+        try:
+            put(self, key, value)
+        except OSError:
+            (Path(self.path) / f"{key}{suffix}").unlink(missing_ok=True)
+            raise
+
+    lru_cache.LRUCache.put = put_whole
 
 
 def cache_folder(kind: str = "xla") -> Path | None:

@@ -2,7 +2,11 @@
 
 from pathlib import Path
 
-from jaxsim.compilation import cache_folder
+import pytest
+from jax._src import lru_cache
+
+from jaxsim.compilation import cache_folder, enable_compilation_cache
+from tests.full_disk import no_file_above
 
 
 def test_where_no_folder_can_be_written_to_programs_are_not_kept(tmp_path, monkeypatch):
@@ -16,6 +20,16 @@ def test_where_no_folder_can_be_written_to_programs_are_not_kept(tmp_path, monke
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(Path, "home", classmethod(_homeless))
     assert cache_folder() is None
+
+
+def test_of_a_program_that_a_full_disk_cuts_off_nothing_is_kept(tmp_path):
+    enable_compilation_cache()
+    kept = lru_cache.LRUCache(str(tmp_path), max_size=-1)
+    with no_file_above(1000), pytest.raises(OSError, match="large"):
+        kept.put("program", bytes(5000))
+    assert not [*tmp_path.iterdir()]
+    kept.put("program", b"whole")
+    assert kept.get("program") == b"whole"
 
 
 def _homeless(cls) -> Path:

@@ -23,6 +23,8 @@ def main(argv: list[str] | None = None) -> None:
     words = without_quiet(sys.argv[1:] if argv is None else argv)
     with stop_on_error():
         tell_on_console()
+        for word in words:
+            word.encode()  # no record, report or checkpoint could hold a name of other letters: told before any work
         if not words or words[0] in ("-h", "--help"):
             print(overview())
         elif words[0] == "--version":

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from jaxsim.detect import published as voxel_rcnn
-from jaxsim.files import guess
+from jaxsim.files import guess, tidy_file
 from jaxsim.metrics import inception, rangenet
 from jaxsim.pix2pix import published
 from jaxsim.pix2pix.losses import VGG19
@@ -64,6 +64,7 @@ class Convert:
     """Of `generator`: the batch that the file takes; any by default, of ONNX 1."""
 
     def __call__(self) -> None:
+        tidy_file(self.out)
         if self.kind == NETWORK:
             self.network()
         else:

@@ -81,6 +81,9 @@ def words_of(error: BaseException) -> str | None:
         return f"a name has letters that are no {error.encoding}: {error.object[at : error.end]!r}; name it otherwise"
     if isinstance(error, ValueError | OSError | ModuleNotFoundError):
         return str(error)
+    of_path = error.__context__  # pathlib makes a RuntimeError of a link to itself, before Python 3.13
+    if isinstance(error, RuntimeError) and isinstance(of_path, OSError) and of_path.errno == errno.ELOOP:
+        return words_of(of_path)
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
         return f"not enough memory ({_first(error)}); lower --batch or --optim.batch, or use a larger machine"
     if _has_no_device(error):

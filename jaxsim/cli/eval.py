@@ -20,7 +20,7 @@ from jaxsim.progress import counted
 from jaxsim.report.pictures import Rgb, pair_picture, save_pictures
 from jaxsim.report.results import write_frechet, write_scores
 from jaxsim.runs.frames import read_frames
-from jaxsim.runs.run import is_detector
+from jaxsim.runs.run import is_detector, load_run
 from jaxsim.simulate.sensor import LearnedSensor, load
 
 
@@ -58,7 +58,9 @@ class Evaluation(Checked):
 
     @property
     def writes_to(self) -> Path:
-        """The folder that one process has while the command runs."""
+        """The folder that one process has while the command runs. Raises ValueError where the run is a file."""
+        if self.run.is_file():  # that no folder can be made in it would say less
+            load_run(self.run)
         return self.out or self.run / (f"evaluation_{self.data.kind}" if self.data.foreign else "evaluation")
 
     def __call__(self) -> None:

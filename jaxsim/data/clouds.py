@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.kitti_files import read_velodyne
-from jaxsim.files import files_in, read_arrays, read_once
+from jaxsim.files import array_names, files_in, read_arrays, read_once
 from jaxsim.frame import Cloud
 from jaxsim.geometry import LidarSpec, UnorderedCloud, fit_beams, preset, recover_rows, rows_by_elevation
 from jaxsim.geometry.points import check_points
@@ -50,7 +50,11 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n c"]:
     arrays = read_arrays(path, ("xyz", "intensity"), by="clouds")
     xyz_m, intensity = arrays.get("xyz"), arrays.get("intensity")
     if xyz_m is None or xyz_m.ndim != 2 or xyz_m.shape[1] != 3 or xyz_m.dtype.kind not in "fiu":
-        raise ValueError(f"clouds: {path} holds no array xyz (n, 3); `jaxsim simulate --formats npz` writes it")
+        held = ", ".join(array_names(path, by="clouds")) or "nothing"
+        raise ValueError(
+            f"clouds: {path} holds no array xyz (n, 3), as `jaxsim simulate --formats npz` writes it, but {held}; "
+            "where these are range and intensity it is a polar frame, and its folder lacks grid.json"
+        )
     if intensity is not None and (intensity.shape != xyz_m.shape[:1] or intensity.dtype.kind not in "fiu"):
         raise ValueError(
             f"clouds: {path} holds intensity {intensity.shape} of {intensity.dtype} for {len(xyz_m)} points; it must "

@@ -75,13 +75,14 @@ class KittiRaw:
 
     def __getitem__(self, index: int) -> Frame:
         drive, number = self._frames[index]
-        rgb = read_image(drive / "image_02" / "data" / f"{number}.png")
+        image = drive / "image_02" / "data" / f"{number}.png"
+        rgb = read_image(image)
         motion = drive / "oxts" / "data" / f"{number}.txt"
         speed_mps, heading_rad = read_motion(motion) if motion.is_file() else (None, None)
         return Frame(
             name=self.name_of(index),
             scene=drive.name,
-            camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2])),
+            camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2], image=image)),
             cloud=read_scan(self._scan(index), self._rows),
             time_s=scan_time(drive / "velodyne_points" / "timestamps.txt", int(number)),
             speed_mps=speed_mps,

@@ -28,6 +28,8 @@ LABEL_COLUMNS = (
 """Names of a label's numbers, after its kind."""
 MOST, MOST_SIZE_M = 1e4, 100.0
 """No number of a label is larger, and no object longer: a tram has 40 m."""
+LOST_POINTS = 256
+"""So many points of zeros, one after another, are 4096 bytes that a disk reserved and that nothing was written to."""
 MOST_POINTS = 4_000_000
 """Most points of a scan: 30 times those of a turn of the densest sensor."""
 
@@ -43,8 +45,24 @@ def read_velodyne(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarra
     if size == 0:
         raise ValueError(f"kitti: {path} is empty; a scan has about 120000 points; copy it again")
     points = np.fromfile(path, "<f4").reshape(-1, 4)
+    _check_written(points, f"kitti: {path}")
     check_points(points, f"kitti: {path}")
     return np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(points[:, 3])
+
+
+def _check_written(points: Float[np.ndarray, "n 4"], where: str) -> None:
+    """Raises ValueError, beginning with `where`, where a part of the file was never written, or is lost."""
+    if np.count_nonzero(points[:, 0] == 0) < LOST_POINTS:  # nearly every file, at once
+        return
+    ends = np.flatnonzero(np.diff(~points.any(axis=1), prepend=False, append=False))
+    first, length = ends[::2], ends[1::2] - ends[::2]
+    if length.max(initial=0) >= LOST_POINTS:
+        longest = int(length.argmax())
+        raise ValueError(
+            f"{where}: {length[longest]} of {len(points)} points hold zeros alone, from number {first[longest]} on: "
+            "what was there is lost, as where a copy broke off; copy it again. A ray without return is no point: leave "
+            "these out"
+        )
 
 
 def read_image(path: Path) -> UInt8[np.ndarray, "h w 3"]:
@@ -103,8 +121,9 @@ def read_plane(path: Path) -> Float[np.ndarray, " 4"]:
     return plane / normal * (-1 if plane[1] > 0 else 1)
 
 
-def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
-    """The camera of a raw drive from the two calibration files of its date, for an image of `size` (h, w)."""
+def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2, image: Path | None = None) -> Camera:
+    """The camera of a raw drive from the two calibration files of its date, for an image of `size` (h, w), which is the
+    file `image` in errors."""
     tag = f"{camera:02d}"
     path = folder / "calib_cam_to_cam.txt"
     values = _read_calibration(path, {f"P_rect_{tag}": 12, "R_rect_00": 9, f"S_rect_{tag}": 2})
@@ -114,7 +133,8 @@ def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camer
     width, height = values[f"S_rect_{tag}"].astype(int)
     if size != (height, width):
         raise ValueError(
-            f"kitti: images of image_{tag} are {size[1]} x {size[0]}, but {path} says {width} x {height}: "
+            f"kitti: {image or f'an image of image_{tag}'} is {size[1]} x {size[0]}, but {path} says "
+            f"{width} x {height}: copy it again, or "
             "use the synced and rectified drive (..._sync), with the calibration of the same date"
         )
     rect_from_velo = _rigid(path, values, "R_rect_00") @ _rigid(lidar_file, velo, "[R | T]")

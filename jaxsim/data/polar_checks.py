@@ -124,7 +124,7 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """
     known = {name: arrays[name] for name in SHAPES if name in arrays}
     for name, array in known.items():
-        if array.dtype.kind not in "iufb":
+        if array.dtype.kind not in ("iufb" if name in ID_RASTERS else "iuf"):
             raise ValueError(f"polar frames: {path}: {name} holds {array.dtype}; it must hold real numbers; {SEE}")
         if array.ndim != SHAPES[name] or (name == "rgb" and array.shape[-1] != 3):
             right = "(rows, columns, 3), red, green, blue" if name == "rgb" else "(rows, columns)"

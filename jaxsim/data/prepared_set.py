@@ -179,6 +179,12 @@ class PreparedSet:
         return paths[shard], i - (ends[shard - 1] if shard else 0)
 
     def _check_files(self) -> None:
+        for split in self.about.splits:
+            if not self._paths(split):
+                raise ValueError(
+                    f"prepared: {self.folder / 'metadata.json'} names no file of {split}; copy it again, or make "
+                    "the set anew"
+                )
         for name, size in self.about.files.items():
             path = self.folder / name
             now = path.stat().st_size if path.is_file() else None

@@ -120,6 +120,12 @@ def _histograms(folder: Folder, compared: Collection[str]) -> _Histograms:
             for definition, count in COUNTS.items():
                 histograms = np.asarray(count(points[..., :3], valid))
                 each[definition].append(histograms[chosen])
+                if not (held := histograms[chosen].any((1, 2))).all():
+                    name = np.array(names)[chosen][~held][0]
+                    raise ValueError(
+                        f"generation: {folder.path / name} has no point within the ranges of {definition}'s "
+                        "definition; leave it out of both folders"
+                    )
                 # float32 would stop counting at 2^24 points a cell.
                 total[definition] += histograms.sum(0, dtype=np.float64)
             occupied += lidm_occupancy(cloud[real, :3] for cloud, real in zip(points, valid, strict=True))

@@ -55,6 +55,7 @@ from jaxsim.files.whole import (
     files_in,
     replacing,
     tidy,
+    tidy_file,
     write_text,
 )
 
@@ -103,6 +104,7 @@ __all__ = [
     "stamp_of",
     "tell_anew",
     "tidy",
+    "tidy_file",
     "unlock",
     "why_anew",
     "working_in",

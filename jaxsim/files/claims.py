@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from jaxsim.files.texts import parse_json, parse_settings
+from jaxsim.files.texts import parse_json, parse_settings, read_text, words_of_wrong
 from jaxsim.files.whole import replacing
 
 
@@ -43,9 +43,11 @@ def claim(
         was = unsaid
         if exists:
             try:
-                was = read(record.read_bytes())
+                was = read(read_text(record, by=by).encode())
             except (ValueError, KeyError, TypeError, AttributeError) as error:
-                raise ValueError(f"{by}: {record} cannot be read ({error!r}); {remedy}") from error
+                wrong = words_of_wrong(error)
+                told = wrong if str(record) in wrong else f"{by}: {record} cannot be read ({wrong}); copy it again"
+                raise ValueError(f"{told}; or {remedy}") from error
         elif was is None:
             raise ValueError(f"{by}: {folder} is not empty, and no {record.name} says what it was made with; {remedy}")
         other = {name: values for name, *values in _changes(was, made, free=free)}

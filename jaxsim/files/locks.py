@@ -76,8 +76,8 @@ def working_in(folder: Path | str, *, doing: str = "writing to") -> Iterator[Non
     folder = Path(folder)
     before = folder.resolve() / NAME in _held
     new = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    lock(folder, doing=doing, instead="another --out")
     try:
+        lock(folder, doing=doing, instead="another --out")
         yield
     finally:
         if not before:

@@ -31,9 +31,15 @@ def placed(where: str, *more: type[Exception], then: str = "") -> Iterator[None]
     try:
         yield
     except (ValueError, *more) as error:
-        # Of a KeyError the words are the key alone.
-        told = f"lacks {error}" if isinstance(error, KeyError) else str(error)
-        raise ValueError(f"{where}: {told}{then and f'; {then}'}") from error
+        raise ValueError(f"{where}: {words_of_wrong(error)}{then and f'; {then}'}") from error
+
+
+def words_of_wrong(error: Exception) -> str:
+    """What a file's reader found wrong, in words: of a KeyError Python says the key alone, and of values of another
+    kind what cannot be done with them."""
+    if isinstance(error, KeyError):
+        return f"lacks {error}"
+    return "a value is of another kind" if isinstance(error, TypeError | AttributeError) else str(error)
 
 
 def first_line(error: BaseException) -> str:
@@ -60,18 +66,29 @@ def read_names(path: Path, *, by: str) -> list[str]:
     return names
 
 
-def read_text(path: Path | str, *, by: str, most: int = MOST_TEXT) -> str:
-    """A UTF-8 text without its byte order mark. Raises ValueError where it is none, with the line, or is too large."""
+def read_text(path: Path | str, *, by: str, most: int = MOST_TEXT, grows: bool = False) -> str:
+    """A UTF-8 text without its byte order mark. Raises ValueError where it is none, with the line, where it holds
+    bytes that are 0, as a file whose content was lost, and where it is too large. Of a text that `grows` such bytes at
+    its end are left out: a machine that lost its power had made room for what was to come."""
     check_size(path, by=by, most=most)
     content = Path(path).read_bytes()
+    if grows:
+        content = content.rstrip(b"\0")
     try:
-        return content.decode("utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         raise ValueError(
             f"{by}: {path}, line {line}: byte 0x{content[error.start]:02x} is no UTF-8; it must be plain text: copy it "
             "again, or save it as UTF-8"
         ) from None
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise ValueError(
+            f"{by}: {path}, line {line}: {text.count(chr(0))} of {len(content)} bytes are 0, which no text has: its "
+            "content was lost, or it is UTF-16; copy it again, or save it as UTF-8"
+        )
+    return text
 
 
 def parse_number(word: str, kind: type[Number], *, where: str) -> Number:
@@ -107,6 +124,8 @@ def parse_json(content: str | bytes, *, finite: bool = True) -> Any:
     """What a JSON text holds. Raises ValueError where it is none, names a key twice, or is too deep to be read; for
     whole numbers of more than 64 bits; and, if `finite`, for NaN, for infinity, and for numbers that are too large to
     be told from it."""
+    if not content.strip():
+        raise ValueError("it is empty")
     hooks = {"parse_constant": _no_number, "parse_float": _finite} if finite else {}
     try:
         return json.loads(content, object_pairs_hook=_each_once, parse_int=_whole, **hooks)
@@ -139,7 +158,7 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return entries
 
 
-def read_json(path: Path | str, *, by: str, hint: str = "") -> Any:
+def read_json(path: Path | str, *, by: str, hint: str = "copy it again, or make it anew") -> Any:
     """What a JSON file holds; `hint` says what to do about one that is none. Raises ValueError as `parse_json`."""
     text = read_text(path, by=by)
     with placed(f"{by}: {path} is not JSON", then=hint):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import glob
 import os
 import re
 import secrets
@@ -25,9 +27,14 @@ LONGEST_NAME = 200
 def replacing(path: Path | str) -> Iterator[Path]:
     """Gives a temporary path beside `path` to write to; it takes the name `path` when the block ends well.
 
-    Errors of the system name `path`, which the user knows.
+    Errors of the system name `path`, which the user knows. Raises IsADirectoryError for a folder, and ValueError for a
+    device or a pipe, whose place the file would take.
     """
     path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path} is a device or a pipe, and a file would take its place; name a file")
     path.parent.mkdir(parents=True, exist_ok=True)
     # The suffix stays last: writers such as numpy and OpenCV choose the format by it.
     temporary = path.with_name(f".{os.getpid()}{SALT}.{path.name}")
@@ -96,6 +103,29 @@ def tidy(folder: Path | str) -> int:
             Path(where, name).unlink(missing_ok=True)
             removed += 1
     return removed
+
+
+def tidy_file(path: Path | str) -> None:
+    """Removes what killed processes left half written of a file, which lies beside it; not what one that still runs is
+    writing there."""
+    path = Path(path)
+    temporary = re.compile(rf"\.(\d+)\d{{{len(SALT)}}}\.{re.escape(path.name)}")
+    for beside in path.parent.glob(f".*.{glob.escape(path.name)}"):
+        if (of := temporary.fullmatch(beside.name)) and _has_ended(int(of[1])):
+            beside.unlink(missing_ok=True)
+
+
+def _has_ended(process: int) -> bool:
+    """Whether there is no process of this number; of systems that cannot tell, no."""
+    if os.name != "posix":
+        return False
+    try:
+        os.kill(process, 0)  # signal 0 is sent to nobody
+    except (ProcessLookupError, OverflowError):
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def check_apart(out: Path | str, *read: Path | str | None, by: str) -> None:

@@ -7,13 +7,15 @@ from jaxtyping import Float
 
 FAR_M = 1000.0
 """No car's LiDAR sees farther: what lies beyond is in millimetres or centimetres."""
+NEAR_M = 1e-3
+"""No LiDAR sees anything so near: text and whole numbers that are read as coordinates are all smaller, and zeros."""
 
 
 def check_points(points: Float[np.ndarray, "n c"], where: str) -> None:
     """Checks rows of x, y, z (m) and, where there is a fourth column, intensity (0..1); `where` begins the errors.
 
-    Raises ValueError for a cloud without points, points that are not finite, ones that no LiDAR sees, and intensity
-    that is off its scale.
+    Raises ValueError for a cloud without points, points that are not finite, ones that no LiDAR sees, a cloud that is
+    nothing but the sensor's own place, and intensity that is off its scale.
     """
     if points.ndim != 2 or points.shape[1] not in (3, 4):
         raise ValueError(f"{where}: a cloud of shape {points.shape}; it must be rows of x, y, z and intensity")
@@ -30,6 +32,11 @@ def check_points(points: Float[np.ndarray, "n c"], where: str) -> None:
         raise ValueError(
             f"{where}: a point lies {far:g} off along an axis, and no LiDAR sees beyond {FAR_M:g} m; coordinates must "
             "be in metres (divide millimetres by 1000)"
+        )
+    if far < NEAR_M:
+        raise ValueError(
+            f"{where}: all {len(points)} points lie within {NEAR_M:g} m of the sensor, where no LiDAR sees anything: "
+            "the file is of another kind (text, labels), or its content was lost; copy it again"
         )
     if points.shape[1] == 4:
         low, high = float(points[:, 3].min()), float(points[:, 3].max())

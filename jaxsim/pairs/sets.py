@@ -44,8 +44,8 @@ def make_set(
     options `beam`, or the cluster of Dask whose scheduler has the address `cluster`. What is there is not made again: a
     killed command goes on.
 
-    Raises ValueError for frames that lack something, of the first ones before anything is written, and where `out`
-    holds a set of other settings.
+    Raises ValueError for frames that lack something, of the first ones before anything is written, where `out` holds a
+    set of other settings, and where its name has bytes that are no UTF-8.
     """
     if size < 1 or workers < 0:
         raise ValueError(
@@ -53,6 +53,7 @@ def make_set(
         )
     if beam is not None and cluster is not None:
         raise ValueError("prepare: --beam and --cluster are two ways to the same files; give one")
+    str(out).encode()  # ArrayRecord opens no others; told before anything is made
     dataset = open_dataset(data)
     splits = _splits(dataset, data.kind, train=train, evaluation=evaluation)
     folder = Path(out) / NAME / data.kind / VERSION

@@ -41,7 +41,7 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
     """
     if not path.is_file():
         return []
-    *whole, _ = read_text(path, by="run").split("\n")
+    *whole, _ = read_text(path, by="run", grows=True).split("\n")
     lines = []
     for number, line in enumerate(whole, 1):
         try:

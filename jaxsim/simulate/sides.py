@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import about_frame, frame_names, open_polar_frames, write_frame, write_grid
-from jaxsim.files import check_apart
+from jaxsim.files import check_apart, read_arrays
 from jaxsim.frame import Array, Frame, PolarImage
 from jaxsim.geometry import incidence, scan_on_window
 from jaxsim.metrics.paired import DROP_BELOW
@@ -22,6 +22,8 @@ from jaxsim.simulate.sensor import LearnedSensor
 
 BATCH = 8
 """Frames that a comparison simulates together."""
+SOURCE = "jaxsim discover"
+"""What frames that are written for a comparison say they are made of."""
 REFLECTANCE = np.float32(0.3)
 """Of every surface, whatever its distance, and without gloss."""
 SLANT_COS = np.float32(0.5)
@@ -48,11 +50,18 @@ def comparable(measured: PolarImage, seen: Array) -> PolarImage:
 
 
 def refuse_others(folder: Path, names: Sequence[str]) -> None:
-    """Raises ValueError where a folder that frames are to be written to holds others, of another comparison."""
+    """Raises ValueError where a folder that frames are to be written to holds others, of another comparison, or such of
+    these names that no comparison wrote, and that would be lost."""
     if others := sorted({*frame_names(folder)} - {*names}):
         raise ValueError(
             f"discover: {folder} holds other frames ({', '.join(others[:3])} ...); give another --out, or remove it"
         )
+    for name in frame_names(folder):
+        if str(read_arrays(folder / f"{name}.npz", ("source",), by="discover").get("source", "")) != SOURCE:
+            raise ValueError(
+                f"discover: {folder / name}.npz is no frame that a comparison wrote, and would be written over; give "
+                "another --out"
+            )
 
 
 def write_pairs(
@@ -84,9 +93,9 @@ def write_pairs(
         images, painted, _ = simulate_batch(learned, frames, min(BATCH, len(positions)))
         for k, frame in enumerate(frames):
             image, under = take((images, painted), k)
-            write_frame(folders[0], frame.name, image, **rasters(under, window[0]))
+            write_frame(folders[0], frame.name, image, **rasters(under, window[0]), source=SOURCE)
             scan = measured_in(window, frame, lines=lines)
-            write_frame(folders[1], frame.name, comparable(scan, under.valid))
+            write_frame(folders[1], frame.name, comparable(scan, under.valid), source=SOURCE)
             about[frame.name] = about_frame(frame.scene, **motion_of(frame))
         log(f"{len(about)} of {len(positions)} frames simulated")
     # `scan_of` takes what a frame does not say for 0: it is given for all frames, or for none.
@@ -121,6 +130,7 @@ def write_lambert(measured: Path, out: Path) -> Path:
         # Shaded as at 60 degrees, yet told as a right angle: that stands for what cannot be told in training pairs,
         # too.
         angle = np.where(has_normal, angle, np.float32(np.pi / 2))
-        write_frame(simulated, name, replace(image, intensity=REFLECTANCE * shade), incidence=angle, **labels)
+        shaded = replace(image, intensity=REFLECTANCE * shade)
+        write_frame(simulated, name, shaded, incidence=angle, source=SOURCE, **labels)
     write_grid(simulated, frames.grid, frames=frames.about)
     return simulated

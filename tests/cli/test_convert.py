@@ -1,10 +1,14 @@
 """`jaxsim convert` on state dicts of the published names and shapes."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 from jaxsim.cli import main
 from jaxsim.cli.convert import CONVERTERS
+from jaxsim.files.whole import SALT
 from jaxsim.pix2pix.losses import VGG_BLOCKS, load_vgg
 from jaxsim.prepare.depth import penet
 from jaxsim.prepare.depth.penet import open_penet
@@ -33,6 +37,14 @@ def test_the_perceptual_loss_reads_what_convert_writes(vgg, tmp_path, capsys):
     weights = load_vgg(tmp_path / "out.npz")
     assert weights["features.28.weight"].shape == (3, 3, 512, 512)
     assert weights["features.28.bias"][0] == -28
+
+
+def test_what_a_killed_command_left_half_written_goes(vgg, tmp_path):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    (tmp_path / f".{ended.pid}{SALT}.out.npz").write_bytes(b"half")
+    main(["convert", "vgg19", str(vgg), "--out", str(tmp_path / "out.npz")])
+    assert {path.name for path in tmp_path.iterdir()} == {"vgg.npz", "out.npz"}
 
 
 def test_what_is_read_is_not_overwritten(vgg, tmp_path):

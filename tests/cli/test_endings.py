@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from jaxsim.cli import main
 from jaxsim.cli.endings import stop_on_error, words_of
 from tests.programs import PATIENCE_S, environment, running
 
@@ -41,6 +42,15 @@ def test_an_expected_failure_is_one_line_and_status_1(words):
         raise EXPECTED[words]
     assert "\n" not in str(stop.value)
     assert isinstance(stop.value.code, str)  # which Python prints, and ends with 1
+
+
+def test_a_link_to_itself_is_told_by_its_name(tmp_path):
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    with pytest.raises(SystemExit, match=rf"^error: {loop}: it is a link that leads to itself$"), stop_on_error():
+        loop.resolve(strict=True)
+    with pytest.raises(SystemExit, match=r"loop.*: it is a link that leads to itself$"):
+        main(["eval", "generation", "--simulated", "a", "--measured", "b", "--out", str(loop)])
 
 
 def test_the_systems_errors_name_the_file():

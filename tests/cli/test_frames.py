@@ -1,10 +1,14 @@
 """`jaxsim frames`: what it lists, what it says, and what it asks for."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 from jaxsim.cli import main
 from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.files.whole import SALT
 from tests.data.logs.conftest import room
 from tests.data.logs.made_logs import pcd
 
@@ -52,6 +56,15 @@ def test_frames_become_an_mcap_that_becomes_the_same_frames(tmp_path):
         np.testing.assert_allclose(image.range_m, again.range_m, atol=1e-4)
         np.testing.assert_allclose(image.intensity, again.intensity, atol=1e-6)
         np.testing.assert_allclose(more["time"], later["time"], atol=1e-6)
+
+
+def test_a_recording_that_a_killed_command_left_half_written_goes(tmp_path):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    (tmp_path / f".{ended.pid}{SALT}.a.mcap").write_bytes(b"half")
+    with pytest.raises(SystemExit, match=r"no grid\.json"):
+        main(["frames", str(tmp_path), "--to", "mcap", "--out", str(tmp_path / "a.mcap")])
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_recording_of_all_frames_is_a_file_with_its_ending(tmp_path):

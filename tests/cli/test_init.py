@@ -49,6 +49,13 @@ def test_help_prints_a_line_a_command(capsys):
     assert capsys.readouterr().out.splitlines() == lines
 
 
+def test_a_name_that_no_file_could_tell_is_refused_before_any_work(tmp_path):
+    place = tmp_path / "lat\udcfc"
+    with pytest.raises(SystemExit, match=r"a name has letters that are no utf-8: .*lat\\udcfc'; name it otherwise"):
+        main(["export", "--data.kind", "synthetic", "--frames", "0", "--out", str(place)])
+    assert not place.exists()
+
+
 def test_version_is_the_packages(capsys):
     main(["--version"])
     assert capsys.readouterr().out.split()[0] == "jaxsim"

@@ -80,6 +80,26 @@ def test_a_scan_that_lost_much_is_no_truth_for_training(tmp_path, damage):
         read_scan(tmp_path / "a.bin", "file_order")
 
 
+@pytest.mark.parametrize("rows", ["file_order", "elevation"])
+@pytest.mark.parametrize("part", [slice(60000, None), slice(0, 300), slice(5000, 5256)])
+def test_a_scan_of_which_a_part_was_never_written_is_refused(tmp_path, rows, part):
+    points = scan(columns=1900)
+    points[part] = 0
+    points.tofile(tmp_path / "a.bin")
+    with pytest.raises(ValueError, match=rf"points hold zeros alone, from number {part.start} on: .*copy it again"):
+        read_scan(tmp_path / "a.bin", rows)
+    with pytest.raises(ValueError, match="zeros alone"):
+        read_points(tmp_path / "a.bin")
+
+
+def test_single_points_at_the_sensor_do_not_make_a_file_a_lost_one(tmp_path):
+    points = scan(columns=1900)
+    points[::300] = 0
+    points[1000:1200] = 0
+    points.tofile(tmp_path / "a.bin")
+    assert len(read_cloud(tmp_path / "a.bin")) == len(points)
+
+
 @pytest.mark.parametrize("damage", DAMAGED)
 def test_frames_of_a_damaged_scan_say_what_is_wrong_with_it(tmp_path, damage):
     change, message = DAMAGED[damage]

@@ -87,7 +87,7 @@ def test_broken_calibration(object_root, old, new, message):
 
 def test_an_image_of_another_size_than_the_raw_calibration_says(raw_root):
     cv2.imwrite(str(raw_root / DRIVE / "image_02/data/0000000000.png"), np.zeros((370, 1224, 3), np.uint8))
-    with pytest.raises(ValueError, match=r"are 1224 x 370, but .*calib_cam_to_cam\.txt says 1242 x 375"):
+    with pytest.raises(ValueError, match=r"0000000000\.png is 1224 x 370, but .*calib_cam_to_cam\.txt says 1242 x 375"):
         KittiRaw(raw_root)[0]
 
 

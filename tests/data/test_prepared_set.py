@@ -97,6 +97,14 @@ def test_a_damaged_record_is_named_with_its_file_and_never_read_otherwise(raw_ro
         open_dataset(of(tmp_path))
 
 
+def test_a_set_that_names_no_file_of_a_part_is_refused(raw_root, tmp_path):
+    folder = make_set(tmp_path, kitti(raw_root), PREPARE, workers=1)
+    metadata = folder / "metadata.json"
+    metadata.write_text(json.dumps(json.loads(metadata.read_text()) | {"files": {}}))
+    with pytest.raises(ValueError, match=r"metadata\.json names no file of train; copy it again, or make the set anew"):
+        open_dataset(of(tmp_path))
+
+
 def test_a_file_of_another_set_is_no_part_of_this_one(raw_root, tmp_path):
     for name, frames in (("one", "0"), ("other", "1")):
         make_set(tmp_path / name, kitti(raw_root), PREPARE, train=frames, workers=1)

@@ -97,6 +97,22 @@ def test_what_adds_up_is_of_all_frames_and_what_is_compared_of_some_evenly_space
     assert whole["r2dm_mmd"].count == 9
 
 
+def test_a_cloud_without_a_point_in_a_definitions_ranges_is_named(tmp_path):
+    a, b = (write_polar(tmp_path / name, 0) for name in "ab")
+    write_frame(b, "b", PolarImage(*(np.zeros((ROWS, COLUMNS), kind) for kind in ("f4", "f4", bool))))
+    with pytest.raises(
+        ValueError, match=r"^generation: .*b/b has no point within the ranges of .*; leave it out of both"
+    ):
+        generation_scores(open_folder(a), open_folder(b))
+
+
+def test_polar_frames_that_lost_their_grid_are_told_apart_from_clouds(tmp_path):
+    folder = write_polar(tmp_path / "a", 0)
+    (folder / "grid.json").unlink()
+    with pytest.raises(ValueError, match=r"a\.npz holds no array xyz .* but .*range.*its folder lacks grid\.json"):
+        open_folder(folder).points("a")
+
+
 def test_a_folder_without_frames_is_an_error(tmp_path):
     with pytest.raises(ValueError, match="holds no frames"):
         open_folder(tmp_path)

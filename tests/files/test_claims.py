@@ -48,11 +48,26 @@ def test_results_without_a_record_are_refused_unless_that_says_something(tmp_pat
     claimed(tmp_path, {"salt": 0}, filled=True, unsaid={"salt": 0})
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"other": 1}'])
-def test_a_damaged_record_says_so(tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{", "Expecting property"),
+        ("[]", "a value is of another kind"),
+        ('{"other": 1}', "lacks 'made'"),
+    ],
+)
+def test_a_damaged_record_says_so(tmp_path, text, told):
     (tmp_path / "made.json").write_text(text)
-    with pytest.raises(ValueError, match=r"made\.json cannot be read"):
+    with pytest.raises(ValueError, match=rf"made\.json cannot be read \([^()]*{told}.*\); copy it again; or give"):
         claimed(tmp_path, {"salt": 1}, read=lambda record: json.loads(record)["made"])
+
+
+def test_a_record_that_was_lost_is_named_once(tmp_path):
+    (tmp_path / "made.json").write_bytes(bytes(20))
+    with pytest.raises(
+        ValueError, match=r"^bake: [^(]*made\.json, line 1: 20 of 20 bytes are 0, [^(]*; or give another"
+    ):
+        claimed(tmp_path, {"salt": 1})
 
 
 def test_a_folder_that_moved_and_a_long_list_are_told_in_words(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 
 from jaxsim.cli import main
 from jaxsim.files import lock, unlock, working_in
+from tests.full_disk import no_file_above
 
 HOLDER = """
 import sys
@@ -91,6 +92,12 @@ def test_within_a_process_a_folder_is_locked_once_and_stays_so(tmp_path):
     assert (tmp_path / ".lock").exists()
     unlock(tmp_path)
     assert not [*tmp_path.iterdir()]
+
+
+def test_a_full_disk_leaves_no_locked_folder(tmp_path):
+    with no_file_above(0), pytest.raises(OSError, match="owner"), working_in(tmp_path / "new/out"):
+        pass
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_command_that_wrote_nothing_leaves_no_folder(tmp_path):

@@ -34,6 +34,14 @@ def test_text_of_another_encoding_is_named_with_its_line(tmp_path):
         read_text(tmp_path / "0.txt", by="test")
 
 
+def test_a_text_whose_end_was_lost_says_from_which_line(tmp_path):
+    (tmp_path / "0.txt").write_bytes(CAR.encode() + b"\n" + bytes(30))
+    with pytest.raises(
+        ValueError, match=r"0\.txt, line 2: 30 of \d+ bytes are 0, which no text has: its content was lost"
+    ):
+        read_labels(tmp_path / "0.txt")
+
+
 @pytest.mark.parametrize("word", ["1_0", "١", "１０", "1,5", "", "0x1"])
 def test_what_python_alone_takes_for_a_number_is_none(tmp_path, word):
     with pytest.raises(ValueError):  # noqa: PT011
@@ -61,7 +69,8 @@ def test_a_frame_listed_twice_is_refused(tmp_path):
         ("[" * 100000, "deeper than can be read"),
         ("9" * 5000, "digits"),
         ("{", "Expecting"),
-        ("", "Expecting"),
+        ("", "it is empty; copy it again"),
+        ("\n", "it is empty"),
     ],
 )
 def test_json_that_is_none_or_says_two_things_is_refused(tmp_path, text, message):
@@ -74,6 +83,13 @@ def test_json_that_is_none_or_says_two_things_is_refused(tmp_path, text, message
 def test_only_a_number_is_a_number(value):
     with pytest.raises(ValueError, match="is no number"):
         real(value)
+
+
+def test_a_value_of_another_kind_is_told_without_pythons_words(tmp_path):
+    for content in ("[]", "null", '{"effects": 3}'):
+        (tmp_path / "sensor.json").write_text(content)
+        with pytest.raises(ValueError, match=r"sensor\.json is not .*: a value is of another kind$"):
+            SensorModel.load(tmp_path / "sensor.json")
 
 
 def test_a_misspelt_key_names_the_nearest(tmp_path):

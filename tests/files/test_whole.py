@@ -2,6 +2,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from jaxsim.files import (
     files_in,
     replacing,
     tidy,
+    tidy_file,
     write_image,
     write_text,
 )
@@ -70,6 +73,33 @@ def test_the_next_run_tidies_what_is_its_own_alone(tmp_path):
     assert tidy(tmp_path) == 1
     assert sorted(path.name for path in (tmp_path / "polar").iterdir()) == [".hidden", "b.npz"]
     assert (tmp_path / "other" / ".4711.b.npz").exists()
+
+
+def test_what_a_killed_process_left_of_a_file_goes_and_what_one_that_runs_writes_stays(tmp_path):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    half = [
+        f".{ended.pid}{SALT}.a[1].mcap",
+        f".{os.getpid()}{SALT}.a[1].mcap",
+        f".{ended.pid}{SALT}.b.mcap",
+        "a[1].mcap",
+    ]
+    for name in half:
+        (tmp_path / name).touch()
+    tidy_file(tmp_path / "a[1].mcap")
+    assert {path.name for path in tmp_path.iterdir()} == {*half[1:]}
+
+
+def test_no_device_pipe_or_folder_is_replaced_by_a_file(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(ValueError, match="is a device or a pipe, and a file would take its place; name a file"):
+        write_text(pipe, "a")
+    assert pipe.is_fifo()
+    for folder in (tmp_path, "."):
+        with pytest.raises(IsADirectoryError):
+            write_text(folder, "a")
+    assert [*tmp_path.iterdir()] == [pipe]
 
 
 def test_an_error_of_the_system_names_the_file_that_was_asked_for(tmp_path):

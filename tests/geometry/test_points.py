@@ -20,6 +20,8 @@ def test_points_up_to_the_farthest_and_the_whole_scale_of_intensity_pass():
         (GOOD[:0], "holds no points"),
         (GOOD * [[np.nan, 1, 1, 1], [1, 1, 1, 1]], "1 of 2 points are NaN"),
         (GOOD * [1.001, 1, 1, 1], "must be in metres"),
+        (0 * GOOD, r"all 2 points lie within 0\.001 m of the sensor"),
+        (np.frombuffer(b"1.0 2.0 3.0 0.5\n" * 2, "<f4").reshape(2, 4), "of another kind .text, labels."),
         (GOOD * [1, 1, 1, 255], r"intensity spans 0\.\.255"),
     ],
 )

@@ -208,6 +208,12 @@ def test_all_that_frames_lack_is_told_at_once_and_before_anything_is_written(raw
     assert not (tmp_path / "out").exists()
 
 
+def test_a_place_whose_name_is_no_utf_8_is_told_before_anything_is_made(raw_root, tmp_path):
+    with pytest.raises(UnicodeEncodeError, match="surrogates not allowed"):
+        make_set(tmp_path / "lat\udcfc", kitti(raw_root), PREPARE)
+    assert not (tmp_path / "lat\udcfc").exists()
+
+
 def test_a_data_set_without_frames_is_empty(monkeypatch, raw_root, tmp_path):
     monkeypatch.setattr("jaxsim.pairs.sets.open_dataset", lambda data: Nothing())
     with pytest.raises(ValueError, match="kitti_raw has no frames here; look into its root"):

@@ -41,12 +41,13 @@ def test_what_broke_a_run_is_kept_and_told(tmp_path, value, cause):
     np.testing.assert_array_equal(np.load(tmp_path / "diverged_000007.npz")["inputs"], batch["inputs"])
 
 
-def test_a_half_last_line_is_left_out_and_written_again(tmp_path):
+@pytest.mark.parametrize("half", [b'{"step": 3, "lo', b'{"step": 3, "lo' + bytes(40), bytes(200)])
+def test_a_half_last_line_is_left_out_and_written_again(tmp_path, half):
     log = MetricsLog(tmp_path, 0)
     for step in (1, 2):
         log.write(step, {"loss": 0.5})
     whole = (tmp_path / "metrics.jsonl").read_bytes()
-    (tmp_path / "metrics.jsonl").write_bytes(whole + b'{"step": 3, "lo')
+    (tmp_path / "metrics.jsonl").write_bytes(whole + half)
     assert not MetricsLog(tmp_path, 2).validated(3)
     assert (tmp_path / "metrics.jsonl").read_bytes() == whole
 

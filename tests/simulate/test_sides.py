@@ -61,6 +61,17 @@ def test_measured_frames_are_not_written_over_and_others_not_mixed_in(tmp_path):
         write_lambert(day(tmp_path / "day", 0), tmp_path / "out")
 
 
+def test_frames_of_a_simulator_that_lie_where_lamberts_would_are_not_lost(tmp_path):
+    measured, _ = wall(tmp_path / "measured")
+    simulated, _ = wall(tmp_path / "simulated")
+    before = (simulated / "000.npz").read_bytes()
+    with pytest.raises(
+        ValueError, match=r"simulated/000\.npz is no frame that a comparison wrote, and would be written"
+    ):
+        write_lambert(measured, tmp_path)
+    assert (simulated / "000.npz").read_bytes() == before
+
+
 def test_the_same_command_again_writes_the_same(tmp_path):
     measured, _ = wall(tmp_path / "measured")
     first = (write_lambert(measured, tmp_path / "out") / "000.npz").read_bytes()

@@ -84,7 +84,7 @@ def write_log(
         record,
         made,
         by="frames",
-        filled=record.is_file() and (out / "grid.json").is_file(),
+        filled=(out / "grid.json").is_file(),
         read=lambda text: {key: value for key, value in parse_json(text).items() if key != "sensor"},
     )
     items = _chosen(source.items(path, options), every, most)

@@ -58,7 +58,10 @@ def velodyne_items(path: Path, options: LogOptions) -> Iterator[Item]:
                 yield Item.of(last)
             before, last = last, scan
     if last is None:
-        raise ValueError(f"velodyne: {path} holds no packet of a Velodyne sensor ({_VELODYNE_BYTES} bytes each)")
+        raise ValueError(
+            f"velodyne: {path} holds no packet of a Velodyne sensor ({_VELODYNE_BYTES} bytes each); an Ouster's .pcap "
+            "is read with the sensor's .json, of the same name beside it, or --log.meta"
+        )
     is_partial = packets.is_cut if before is None else _firings(last) < _WHOLE_TURN * _firings(before)
     yield Item.of(replace(last, is_partial=is_partial))
 

@@ -250,6 +250,24 @@ def test_packets_of_another_profile_are_told(samples, tmp_path):
         frames_of(ouster(samples, tmp_path, 1.0, description="OS-2"), tmp_path / "out")
 
 
+def test_what_ousters_library_says_in_several_lines_is_one(samples, tmp_path):
+    pytest.importorskip("ouster.sdk", reason="ouster-sdk is not installed")
+    log = ouster(samples, tmp_path, 1.0)
+    log.with_suffix(".json").write_text("")
+    with pytest.raises(ValueError, match=r"^[^\n]*cannot be read: [^\n]*; pass a \.pcap and the \.json of its sensor$"):
+        frames_of(log, tmp_path / "out")
+
+
+def test_an_ousters_recording_without_its_json_says_what_it_lacks(samples, tmp_path):
+    pytest.importorskip("velodyne_decoder", reason="velodyne-decoder is not installed")
+    log = ouster(samples, tmp_path, 1.0)
+    log.with_suffix(".json").unlink()
+    with pytest.raises(
+        ValueError, match=r"an Ouster's \.pcap is read with the sensor's \.json, of the same name beside"
+    ):
+        frames_of(log, tmp_path / "out")
+
+
 def test_a_velodynes_recording_without_packets_is_told(samples, tmp_path):
     pytest.importorskip("velodyne_decoder", reason="velodyne-decoder is not installed")
     path = velodyne(samples, tmp_path, 1.0)

@@ -52,6 +52,19 @@ def test_other_options_are_kept_out_and_an_empty_log_is_told(tmp_path):
         write_log(log, "made", log_of(read=[]), out=tmp_path / "other", options=OPTIONS)
 
 
+def test_frames_that_no_log_json_tells_of_are_not_written_over(tmp_path):
+    log, out = tmp_path / "log", tmp_path / "out"
+    log.mkdir()
+    write_log(log, "made", log_of(1, read=[]), out=out, options=OPTIONS)
+    (out / "log.json").unlink()
+    before = (out / "000000.npz").stat().st_mtime_ns
+    with pytest.raises(
+        ValueError, match=r"out is not empty, and no log\.json says what it was made with; give another"
+    ):
+        write_log(log, "made", log_of(1, read=[]), out=out, options=OPTIONS)
+    assert (out / "000000.npz").stat().st_mtime_ns == before
+
+
 def test_scans_of_changed_files_and_frames_that_are_cut_off_are_made_anew(tmp_path, caplog):
     log, out = tmp_path / "log", tmp_path / "out"
     log.mkdir()
