@@ -107,6 +107,7 @@ def answer_of(
         others=others,
         noise_grows=cache(partial(range_noise_grows, comparison)),
         leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
+        apart=placed.division.apart,
         log=log,
     )
     return answer, others

@@ -22,7 +22,7 @@ from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import Levels, on_lattices
 from jaxsim.discover.model.null import fit_null, on_evidence
 from jaxsim.discover.model.simulator import Meant, meant
-from jaxsim.discover.other_surfaces import in_words, same_surfaces, seen_by_both, surfaces_apart
+from jaxsim.discover.other_surfaces import in_words, same_surfaces, seen_by_both, shares_of_classes, surfaces_apart
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.rules import RULES
@@ -71,6 +71,8 @@ class Division:
     """What the simulator lacks by itself, before all that is known of the sensor."""
     left_out: str = ""
     """What is left out, for one side alone has the surface that is there, in words."""
+    apart: tuple[int, ...] = ()
+    """The classes of which so much is left out that what else their surfaces show is hardly the sensor's."""
 
     @classmethod
     def of(
@@ -100,7 +102,7 @@ class Division:
             simulator = replace(simulator, free_contrast=True)
         # Not before: a ray that counts on neither side would look like one that the simulator lost.
         both = simulator.scan, measured
-        left_out = ""
+        left_out, of_classes = "", {}
         if simulator.noise.loss > RULES.usual_random_loss:
             # Within surfaces its losses are put back; beside them a return may be of what it lost there.
             both = seen_by_both(*both, same=simulator.scan.hit)
@@ -109,7 +111,7 @@ class Division:
         if comparison.other_moments:
             both = same_surfaces(*both)
         elif (apart := surfaces_apart(*both)).mean() > RULES.one_side_share:
-            left_out = in_words(apart, both[0])
+            left_out, of_classes = in_words(apart, both[0]), shares_of_classes(apart, both[0])
             both = seen_by_both(*both, same=~apart)
         both_scan, measured = jax.tree.map(jnp.asarray, both)
         simulator = replace(simulator, scan=both_scan)
@@ -133,6 +135,7 @@ class Division:
             scenes=comparison.scenes,
             control=comparison.control,
             left_out=left_out,
+            apart=tuple(one for one, share in of_classes.items() if share >= RULES.apart_class_share),
         )
 
     def looking_at(self, chosen: Blocks) -> Division:

@@ -204,8 +204,8 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             "know of grazing surfaces and of the sensor's pose"
         )
     lines += [
-        f"found, and not said: {name}. {why[0].upper()}{why[1:]}. A sensor does the same to every surface: so it is "
-        "something of these surfaces that the simulator does not know, as soil that undulates or crowns of leaves"
+        f"found, and not said: {name}. {why[0].upper()}{why[1:]}. It is taken for something of these surfaces that the "
+        "simulator does not know, as soil that undulates or crowns that let rays through, and not for the sensor's"
         for name, why in answer.denied
     ]
     of_intensity = [effect for effect in named_effects if effect.channels == ("intensity",)]

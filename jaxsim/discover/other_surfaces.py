@@ -92,17 +92,21 @@ def _alike(
     ]
 
 
+def shares_of_classes(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> dict[int, float]:
+    """The share of each class's rays that are of surfaces which one side alone has, by Cityscapes id; of frames that
+    tell classes."""
+    semantic = np.asarray(scan.semantic)
+    classes = [int(one) for one in np.unique(semantic) if one != IDS["unlabeled"]]
+    return {one: float(apart[semantic == one].mean()) for one in classes}
+
+
 def in_words(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> str:
     """How many rays are of surfaces that one side alone has, and of which classes most."""
     share = apart.sum() / max((apart | np.asarray(scan.hit)).sum(), 1)
-    semantic = np.asarray(scan.semantic)
-    classes = [one for one in np.unique(semantic) if one != IDS["unlabeled"]]
-    of_class = {NAMES[int(one)]: float(apart[semantic == one].mean()) for one in classes}
-    most = [
-        f"{of_class[name]:.0%} of {name}"
-        for name in sorted(of_class, key=of_class.__getitem__)[: -CLASSES_TOLD - 1 : -1]
-    ]
-    where = f" ({', '.join(most)})" if most else ""
+    of_class = shares_of_classes(apart, scan)
+    most = sorted(of_class, key=of_class.__getitem__)[: -CLASSES_TOLD - 1 : -1]
+    told = [f"{of_class[one]:.0%} of {NAMES[one]}" for one in most]
+    where = f" ({', '.join(told)})" if told else ""
     return f"{share:.1%} of the rays{where}"
 
 

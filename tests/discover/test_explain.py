@@ -79,7 +79,7 @@ def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
 def test_what_one_class_alone_shows_is_told_to_be_of_its_surfaces():
     [note] = told(denied=(("range_noise", f"{DENIED} terrain"),))
     assert note.startswith("found, and not said: range_noise. All other surfaces speak against it, without those of")
-    assert "terrain. A sensor does the same to every surface" in note
+    assert "terrain. It is taken for something of these surfaces" in note
 
 
 def test_a_contrast_that_is_left_free_is_told():

@@ -16,7 +16,7 @@ from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.each_class import denied_without
+from jaxsim.discover.name.each_class import denied_without, shown_by
 from jaxsim.discover.name.nulls import run_nulls
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
@@ -37,7 +37,8 @@ LeavesNothing = Callable[[Curve, Sequence[Law], float], bool]
 
 SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before what is simulated"
 DENIED = "all other surfaces speak against it, without those of"
-"""Followed by a class's name."""
+"""Followed by a class's name, and the next by one or more."""
+SHOWN_BY = "none but these surfaces show it, of which one side alone has some:"
 SHOWN_ELSEWHERE = (EXCHANGED, CONTROL, SCARCE)
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 
@@ -80,6 +81,7 @@ def name_effects(
     others: Sequence[Callable[[], OtherSides]] = (),
     noise_grows: Callable[[], bool] = lambda: True,
     leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
+    apart: Sequence[int] = (),
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
@@ -91,8 +93,8 @@ def name_effects(
     What `others` show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
     control's frames. They are asked where anything is found. Noise that grows as echoes weaken is said where that of
     neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces. What one class
-    alone shows is not said (`denied_without`). `leaves_nothing` tells whether a free curve's law leaves effects nothing
-    to say.
+    alone shows is not said (`denied_without`; `shown_by`, of classes that are `apart`). `leaves_nothing` tells whether
+    a free curve's law leaves effects nothing to say.
     """
 
     def refuse(step: FittedStep, beside: Problem) -> str:
@@ -103,6 +105,8 @@ def name_effects(
             why = UNFOUNDED
         if not why and (alone := denied_without(step, beside)):
             why = f"{DENIED} {alone}"
+        if not why and (alone := shown_by(step, beside, apart)):
+            why = f"{SHOWN_BY} {alone}"
         if why:
             log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, not said: {why}")
         return why
@@ -135,7 +139,7 @@ def name_effects(
         unasked=(*unasked, *(along for along, _ in passed)),
         elsewhere=(*effects, *((in_words(along), why) for along, why in passed)),
         unfounded=tuple(name for name, why in choice.refused.items() if why == UNFOUNDED),
-        denied=tuple((name, why) for name, why in choice.refused.items() if why.startswith(DENIED)),
+        denied=tuple((name, why) for name, why in choice.refused.items() if why.startswith((DENIED, SHOWN_BY))),
     )
 
 

@@ -8,11 +8,12 @@ must not clearly speak against it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.evidence import Evidence
@@ -32,7 +33,6 @@ def denied_without(step: FittedStep, problem: Problem) -> str:
     used = [CHANNELS.index(name) for name in channels_of(effect)]
     every = problem.ev.all_blocks
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
-    values = {name: np.asarray(value) for name, value in to_values(effect, fitted.z).items()}
     kinds, counts = np.unique(semantic[hit], return_counts=True)
     shares = counts / max(counts.sum(), 1)
     for kind in kinds[(shares >= RULES.class_least_share) & (shares <= 1 - RULES.class_least_share)]:
@@ -41,13 +41,34 @@ def denied_without(step: FittedStep, problem: Problem) -> str:
         without = score_at(NOTHING, rest, every, z={}, noise=problem.noise)
         if (with_effect - without)[:, used].sum() >= 0:
             continue
-        # Noise that was fitted to all surfaces may be too much or too little for these: it is fitted to them.
-        rest = reweighted(rest, every)
-        placed = fit(effect, rest, every, starts=(values,), fixed=True)
-        lost = clipped(rest.ev.by_scene((fit_noise(rest, every).score - placed.score)[:, used].sum(-1)))
+        lost = clipped(-gained(step, rest))
         if lost.sum() > RULES.bar_nats and p_value(lost) <= RULES.denied_level:
             return NAMES[int(kind)]
     return ""
+
+
+def shown_by(step: FittedStep, problem: Problem, classes: Sequence[int]) -> str:
+    """Of classes whose surfaces are partly others on the two sides: their names, where they alone show an effect on
+    ranges or losses that was fitted to a problem; empty where others do, or where they are most of what is seen."""
+    if "intensity" in step.chosen.effect.channels or not classes:
+        return ""
+    semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
+    of_these = np.isin(semantic, classes)
+    if of_these[hit].mean() > 0.5:
+        return ""
+    by_others = clipped(gained(step, replace(problem, ev=leaving_out(problem.ev, of_these)))).sum()
+    return "" if by_others > RULES.bar_nats else ", ".join(NAMES[one] for one in classes)
+
+
+def gained(step: FittedStep, rest: Problem) -> Float[np.ndarray, " s"]:
+    """What an effect gains in each scene of a part of the rays to all of which it was fitted, nats."""
+    effect, every = step.chosen.effect, rest.ev.all_blocks
+    used = [CHANNELS.index(name) for name in channels_of(effect)]
+    values = {name: np.asarray(value) for name, value in to_values(effect, step.fit.z).items()}
+    # Noise that was fitted to all surfaces may be too much or too little for these: it is fitted to them.
+    rest = reweighted(rest, every)
+    placed = fit(effect, rest, every, starts=(values,), fixed=True)
+    return rest.ev.by_scene((placed.score - fit_noise(rest, every).score)[:, used].sum(-1))
 
 
 def leaving_out(ev: Evidence, out: Bool[np.ndarray, "b c r"]) -> Evidence:

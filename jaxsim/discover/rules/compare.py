@@ -39,6 +39,9 @@ class CompareRules:
     one_side_share: float = 0.003
     """Share of all rays, with those that hit nothing, up to which readings of a surface that one side alone has are
     left where they are (set on single effects and nulls of the development seeds: 0.13 % at most, beside edges)."""
+    apart_class_share: float = 0.03
+    """Share of a class's rays on such surfaces from which what this class alone shows of ranges and losses is not said
+    (a judgement, not calibrated)."""
     alike_by_chance: float = 0.1
     """Readings off what is simulated that are like one a quarter of the frame away, over those that are like a
     neighbour's: up to this share a neighbour's is of the same surface (set on the development seeds: fog and rain have

@@ -9,7 +9,7 @@ from jaxsim.data.cityscapes import IDS
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.name.each_class import denied_without, leaving_out
+from jaxsim.discover.name.each_class import denied_without, leaving_out, shown_by
 from jaxsim.discover.name.select import fitted_step
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
@@ -39,6 +39,14 @@ def test_what_one_class_alone_shows_the_others_deny(classes, name):
     step, problem = chosen(sides(*(IDS[one] for one in classes)))
     assert step.chosen.total > RULES.bar_nats
     assert denied_without(step, problem) == name
+
+
+@pytest.mark.parametrize(("classes", "names"), [(("road", "building"), ""), (("building",), "building")])
+def test_what_none_but_surfaces_that_differ_show_is_told_to_be_of_these(classes, names):
+    step, problem = chosen(sides(*(IDS[one] for one in classes)))
+    assert shown_by(step, problem, [IDS["building"]]) == names
+    assert shown_by(step, problem, []) == ""
+    assert shown_by(step, problem, [IDS["road"], IDS["building"]]) == ""
 
 
 def test_rays_that_are_left_out_count_for_nothing():
