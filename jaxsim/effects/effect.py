@@ -16,10 +16,11 @@ STAGES = ("geometry", "surface", "path", "receiver", "detection", "ranging")
 """Stages in physical order: effects of an earlier stage act first."""
 CHANNELS = ("intensity", "range", "drop")
 COVARIATE_NAMES = (
-    *("range", "incidence", "row", "column", "azimuth", "class", "instance", "power", "intensity", "step"),
+    *("range", "incidence", "height", "row", "column", "azimuth", "class", "instance", "power", "intensity", "step"),
     *("time", "frame", "speed", "rgb", "heading"),
 )
-"""What residuals can depend on: `step` is the depth step to a neighbour, `time` the time within the scan."""
+"""What residuals can depend on: `height` is that over the sensor, `step` the depth step to a neighbour, `time` the time
+within the scan."""
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ def covariates(xp: ModuleType) -> dict[str, Callable[[Any], Any]]:
     return {
         "range": lambda r: xp.log(xp.maximum(r.range_m, 0.5)),
         "incidence": lambda r: r.incidence_rad,
+        "height": lambda r: r.range_m * xp.sin(r.elevation_rad),
         "row": lambda r: r.row,
         "azimuth": lambda r: r.azimuth_rad,
         "even rows": lambda r: r.row % 2,

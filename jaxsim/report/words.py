@@ -52,6 +52,7 @@ class Axis(NamedTuple):
 AXES = {
     "range": Axis("range, m", np.exp, "the natural logarithm of the range in m"),
     "incidence": Axis("incidence angle, °", np.rad2deg, "the incidence angle in rad"),
+    "height": Axis("height over the sensor, m"),
     "row": Axis("row (0 = top beam)"),
     "even rows": Axis("0 on even rows, 1 on odd ones"),
     "column": Axis("column (0 = leftmost)"),

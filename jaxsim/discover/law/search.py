@@ -44,6 +44,7 @@ SECTIONS = 24
 VARIABLES = {
     "range": ("range_m", "m"),
     "incidence": ("incidence_rad", "rad"),
+    "height": ("height_m", "m"),
     "row": ("row", ""),
     "column": ("column", ""),
     "even rows": ("odd_row", ""),

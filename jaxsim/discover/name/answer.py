@@ -223,8 +223,12 @@ def asked(curves: Sequence[tuple[Dependence, Candidate]], but: Sequence[Along]) 
 
 
 def stands(step: FittedStep, channel: str) -> bool:
-    """Whether an effect stays named where a free curve explains more of a channel."""
-    return channel not in step.chosen.effect.channels or step.chosen.effect.name in FINEST
+    """Whether an effect stays named where a free curve explains more of a channel: one that leaves the channel alone,
+    or says most of what it says in others."""
+    effect, gain = step.chosen.effect, step.chosen.gain
+    elsewhere = clipped(np.delete(gain, CHANNELS.index(channel), axis=1).sum(1)).sum()
+    mostly = bool(elsewhere > max(RULES.bar_nats, RULES.weak_share * step.chosen.total))
+    return channel not in effect.channels or mostly or effect.name in FINEST
 
 
 def named_answer(

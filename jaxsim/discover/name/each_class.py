@@ -28,8 +28,10 @@ from jaxsim.effects.effect import CHANNELS
 
 def denied_without(step: FittedStep, problem: Problem) -> str:
     """The class without whose surfaces all others clearly speak against an effect that was fitted to a problem, by
-    name; empty where there is none."""
+    name; empty where there is none, and of effects that move or turn rays: these meet other surfaces, of any class."""
     effect, fitted = step.chosen.effect, step.fit
+    if effect.casts:
+        return ""
     used = [CHANNELS.index(name) for name in channels_of(effect)]
     every = problem.ev.all_blocks
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
@@ -50,7 +52,7 @@ def denied_without(step: FittedStep, problem: Problem) -> str:
 def shown_by(step: FittedStep, problem: Problem, classes: Sequence[int]) -> str:
     """Of classes whose surfaces are partly others on the two sides: their names, where they alone show an effect on
     ranges or losses that was fitted to a problem; empty where others do, or where they are most of what is seen."""
-    if "intensity" in step.chosen.effect.channels or not classes:
+    if "intensity" in step.chosen.effect.channels or step.chosen.effect.casts or not classes:
         return ""
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
     of_these = np.isin(semantic, classes)

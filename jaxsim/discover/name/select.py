@@ -297,7 +297,8 @@ def needless(null: Problem, steps: Sequence[FittedStep], bars: Bars, *, log: Log
     for k, step in enumerate(steps[:-1]):
         rest = [other for other in steps if other is not step]
         [again] = rank_effects(with_steps(null, together(null, rest)), [step.chosen.effect])
-        if not again.accepted(bars.effect):
+        # What gains most of what it did is no stand-in, though its scenes may agree a little less beside others.
+        if not again.accepted(bars.effect) and again.total < RULES.weak_share * step.chosen.total:
             log(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
             return k
     return None

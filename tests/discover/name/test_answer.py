@@ -73,6 +73,16 @@ def test_three_effects_that_one_curve_leaves_nothing_to_say_are_its_pieces(named
     assert (len(said.choice.steps) == len(named)) is whole
 
 
+@pytest.mark.parametrize(("of_range", "stays"), [(30.0, True), (2.0, False)])
+def test_an_effect_of_several_channels_stays_where_a_curve_explains_the_least_of_them(of_range, stays):
+    """A car in motion moves readings, and a little of what is bright."""
+    moved = candidate("motion_distortion", 5.0)
+    gain = moved.gain.copy()
+    gain[:, CHANNEL["range"]] = of_range
+    assert answer.stands(step(replace(moved, gain=gain)), "intensity") is stays
+    assert answer.stands(step(replace(moved, gain=gain)), "range") is not stays
+
+
 @pytest.fixture(autouse=True)
 def numbers(monkeypatch):
     """Problems of these tests hold no rays that would tell."""

@@ -49,6 +49,12 @@ def test_what_none_but_surfaces_that_differ_show_is_told_to_be_of_these(classes,
     assert shown_by(step, problem, [IDS["road"], IDS["building"]]) == ""
 
 
+def test_what_turns_rays_is_not_asked_of_single_classes():
+    step, problem = chosen(sides(IDS["building"]))
+    turned = replace(step, chosen=replace(step.chosen, effect=EFFECTS["extrinsic_rotation"]))
+    assert denied_without(turned, problem) == shown_by(turned, problem, [IDS["building"]]) == ""
+
+
 def test_rays_that_are_left_out_count_for_nothing():
     ev = NullModel.of(Division.of(sides())).problem.ev
     road = np.asarray(ev.rays.semantic) == IDS["road"]

@@ -20,6 +20,7 @@ from jaxsim.discover.name.select import (
     too_rich,
     worse,
 )
+from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from tests.discover.name.made import candidate, problem, step
 
@@ -75,6 +76,21 @@ def test_an_early_effect_that_the_others_make_needless_is_found(monkeypatch):
     assert lines == ["range_falloff is not needed beside the others: 1 nats"]
     again["range_falloff"] = 9.0
     assert needless(problem(), steps, Bars()) is None
+
+
+@pytest.mark.parametrize(("left", "gone"), [(8.0, None), (3.0, 0)])
+def test_an_effect_that_gains_most_of_what_it_did_is_needed_though_scenes_agree_less(left, gone, monkeypatch):
+    """A car that moves in some scenes alone, beside readings at edges: slow scenes lose a little."""
+    disputed = left * np.array([3, 3, 3, 2, 2, 2, 2, -1, -1, -1, -1.5])
+    monkeypatch.setattr(select, "with_steps", lambda null, steps: null)
+    monkeypatch.setattr(select, "together", lambda null, steps: list(steps))
+    monkeypatch.setattr(
+        select, "rank_effects", lambda problem, effects: [candidate("motion_distortion", disputed, "range")]
+    )
+    steps = [step(candidate("motion_distortion", 9.0, "range")), step(candidate("mixed_pixels", 5.0, "range"))]
+    [again] = select.rank_effects(None, ())
+    assert not again.accepted(RULES.bar_nats)
+    assert needless(problem(), steps, Bars()) == gone
 
 
 def test_what_came_after_an_effect_that_is_gone_is_chosen_once_more_without_it(monkeypatch):
