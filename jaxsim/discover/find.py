@@ -32,6 +32,9 @@ from jaxsim.effects.chain import SensorModel
 FITTED = (("intensity", "class"),)
 """Dependences that are never listed, for they are a nuisance: what is left along it says how far reflectances are held
 to the table."""
+READ_OFF = (("range", "height"),)
+"""Dependences that are not tried: a height is read off the simulated range, and on level ground differs by nothing but
+the errors of that."""
 CROSSED = ("range", "incidence", "row", "azimuth", "class", "power", "intensity", "step side", "time", "speed")
 """Covariates whose interactions are tried; time since the first frame has too few values to be crossed with others."""
 
@@ -114,7 +117,8 @@ def localise(
         if counts.sum() < RULES.fewest_residuals:
             continue
         index = _scene_index(scene, counts)
-        designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
+        tried = [name for name in COVARIATES if (channel, name) not in READ_OFF]
+        designs = {name: curve_basis(values_of(name, rays, counts), name) for name in tried}
         # A covariate of one value, or of no ray, has no curve.
         designs = {name: design for name, design in designs.items() if design.shape[1] > 1}
         # Both would explain the same, and each would hide the other.

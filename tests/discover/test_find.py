@@ -22,6 +22,7 @@ def rays(rng, shape):
         row=rng.integers(0, 16, shape),
         column=np.broadcast_to(np.arange(shape[1])[None, :, None], shape),
         azimuth_rad=rng.uniform(-3, 3, shape),
+        elevation_rad=rng.uniform(-0.4, 0.1, shape),
         semantic=rng.choice([7, 11, 26], shape),
         log_power=rng.normal(-2, 1, shape),
         log_intensity=rng.normal(-2, 0.5, shape),
@@ -61,16 +62,29 @@ def test_every_scene_gains_by_what_is_there_and_pays_for_what_is_not():
     assert np.mean(lost) < 0
 
 
-@pytest.mark.parametrize("name", ["range", "incidence", "row", "class"])
+@pytest.mark.parametrize("name", ["range", "incidence", "row", "class", "height"])
 def test_the_covariate_that_the_residuals_depend_on_comes_first(name):
     rng = np.random.default_rng(0)
     shape = (10, 12, 16)
     r = rays(rng, shape)
     value = {"range": np.log(r.range_m), "incidence": r.incidence_rad, "row": (r.row % 5), "class": (r.semantic == 26)}
+    value["height"] = 0.2 * r.range_m * np.sin(r.elevation_rad)
     z = rng.normal(0, 1, shape) + 0.5 * np.asarray(value[name], float)
     dependences = localise(r, {"intensity": (z - z.mean(), np.ones(shape, bool))}, np.arange(10))
     assert dependences[0].covariate == name
     assert dependences[0].p_value < 0.05
+
+
+def test_on_level_ground_a_range_that_is_off_is_no_dependence_on_the_height():
+    """Heights there differ by what simulated ranges are off."""
+    rng = np.random.default_rng(3)
+    r = rays(rng, (10, 12, 16))
+    r.elevation_rad = rng.uniform(-0.4, -0.05, r.range_m.shape)
+    off = rng.normal(0, 0.02, r.range_m.shape)
+    r.range_m = 1.7 / np.sin(-r.elevation_rad) + off
+    counts = np.ones(off.shape, bool)
+    assert "height" not in [one.covariate for one in localise(r, {"range": (-off / 0.02, counts)}, np.arange(10))]
+    assert localise(r, {"intensity": (-off / 0.02, counts)}, np.arange(10))[0].covariate == "height"
 
 
 def test_noise_alone_depends_on_nothing_more_often_than_the_level_says():
