@@ -137,10 +137,14 @@ def localise(
             gain = float(gains[best].sum())
             if gain <= 0:
                 break
+            # The sum of squares falls by twice the gain.
+            share = 2 * gain / squares
+            if rest[best] == "height" and share < RULES.height_share:
+                rest.pop(best)
+                continue
             # The channels are a second list of which the best is taken: Bonferroni, for they are only three.
             p = min(1.0, len(residuals) * chance_of_best(np.stack([rate for _, rate in by_scene]), best))
-            # The sum of squares falls by twice the gain.
-            dependences.append(Dependence(channel, rest[best], p, 2 * gain / squares, gain))
+            dependences.append(Dependence(channel, rest[best], p, share, gain))
             taken.append(rest.pop(best))
             before = after[best]
     return sorted(dependences, key=lambda dependence: -dependence.gain)

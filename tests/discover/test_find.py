@@ -75,6 +75,15 @@ def test_the_covariate_that_the_residuals_depend_on_comes_first(name):
     assert dependences[0].p_value < 0.05
 
 
+@pytest.mark.parametrize(("size", "found"), [(0.3, False), (1.0, True)])
+def test_what_is_little_along_the_height_is_of_materials(size, found):
+    rng = np.random.default_rng(4)
+    r = rays(rng, (10, 12, 16))
+    z = rng.normal(0, 1, r.range_m.shape) + size * (r.range_m * np.sin(r.elevation_rad) > -2)
+    told = [one.covariate for one in localise(r, {"intensity": (z - z.mean(), np.ones(z.shape, bool))}, np.arange(10))]
+    assert ("height" in told) is found
+
+
 def test_on_level_ground_a_range_that_is_off_is_no_dependence_on_the_height():
     """Heights there differ by what simulated ranges are off."""
     rng = np.random.default_rng(3)
@@ -84,7 +93,8 @@ def test_on_level_ground_a_range_that_is_off_is_no_dependence_on_the_height():
     r.range_m = 1.7 / np.sin(-r.elevation_rad) + off
     counts = np.ones(off.shape, bool)
     assert "height" not in [one.covariate for one in localise(r, {"range": (-off / 0.02, counts)}, np.arange(10))]
-    assert localise(r, {"intensity": (-off / 0.02, counts)}, np.arange(10))[0].covariate == "height"
+    tried = localise(r, {"intensity": (-off / 0.02, counts)}, np.arange(10))
+    assert tried[0].covariate == "height"
 
 
 def test_noise_alone_depends_on_nothing_more_often_than_the_level_says():

@@ -39,6 +39,10 @@ class FindRules:
     one_clock: float = 0.99
     """Rank correlation above which time within the scan and azimuth are one covariate, called azimuth (a judgement,
     not calibrated)."""
+    height_share: float = 0.05
+    """Share of the residuals' variance that a dependence on the height must explain: plinths, shop fronts and crowns
+    are of other materials than what stands on them (set on two nulls of the development seeds, of 0.01, and on frames
+    with spray over the road that another made, of 0.12)."""
     dependences_tried: int = 4
     """Dependences looked for in each channel, one on top of another (a judgement, not calibrated)."""
     dependences_listed: int = 8
