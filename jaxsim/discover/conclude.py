@@ -24,7 +24,7 @@ from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.regimes.find import Divided
 from jaxsim.discover.repeats.examine import formula_of
 from jaxsim.discover.sensitivity import sensitivities
-from jaxsim.discover.show import sensor_of, show_gap, with_placed, without_unconfirmed
+from jaxsim.discover.show import judged_by_reported, sensor_of, show_gap, with_placed, without_unconfirmed
 from jaxsim.discover.show.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.verdict import EveryFrame, Fidelity, InPlace, Judged, Level, Result, Sensitivity, Verdict
 from jaxsim.effects.chain import SensorModel
@@ -41,6 +41,8 @@ class Shown:
     every_frame: EveryFrame | None
     maps: tuple[dict[str, Float[np.ndarray, "r c"]], dict[str, Float[np.ndarray, "r c"]]]
     """Residuals before and after, of all frames where these were judged."""
+    alone: dict[str, float]
+    """`judged_by_reported`."""
 
 
 def show(asked: Asked, completed: Completed, *, every_frame: bool, log: Log) -> Shown:
@@ -62,7 +64,7 @@ def show(asked: Asked, completed: Completed, *, every_frame: bool, log: Log) -> 
         log(f"judging the other {len(comparison.rest.names)} frames")
         held = HeldAnswer(found.null, added.chain, choice.problem.noise)
         every, maps = judge_rest(comparison, asked.placed.mounting, held) or (None, maps)
-    return Shown(judged, levels, objects, sensitive, every, maps)
+    return Shown(judged, levels, objects, sensitive, every, maps, judged_by_reported(found.null, added))
 
 
 def verdict_of(
@@ -122,7 +124,7 @@ def result_of(
     grid, control = placed.comparison.scan.grid, placed.division.control
     verdict = verdict_of(asked, divided, completed, shown=shown, given=given, seconds=seconds)
     of_mounting = named_mounting(placed.mounting, placed.division.parts, rows=len(grid.elevation_rad))
-    verdict = with_placed(without_unconfirmed(verdict), placed.of_drive.effects, how=placed.of_drive.how)
+    verdict = with_placed(without_unconfirmed(verdict, shown.alone), placed.of_drive.effects, how=placed.of_drive.how)
     verdict = with_placed(verdict, *of_mounting, how=BY_RANGES)
     known = given.beside(control.mounting)
     sensor = sensor_of(verdict, added.sensor, known).without(control.mounting.without(given))

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.show import WHY_NOT, gap_with, sensor_of, with_placed, without_unconfirmed
+from jaxsim.discover.show import WHY_NOT, gap_with, judged_by_reported, sensor_of, with_placed, without_unconfirmed
 from jaxsim.discover.verdict import CurveLine, Interval
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region
 from tests.discover.toy import toy
@@ -83,6 +85,25 @@ def test_what_they_do_not_gain_by_is_kept_and_not_named(low):
 
 def test_a_gain_in_a_channel_that_no_named_effect_has_does_not_count():
     assert without_unconfirmed(verdict(0.5, effect("range_noise", "range"))).verdict == "none"
+
+
+@pytest.mark.parametrize(("nats", "verdict_"), [(3.0, "named"), (-3.0, "none")])
+def test_what_follows_the_reported_intensity_is_judged_by_it(nats, verdict_):
+    """The gap is that of simulations, which know the simulated intensity alone."""
+    walk = effect("range_walk", "range")
+    assert without_unconfirmed(verdict(-nats, walk), {"range_walk": nats}).verdict == verdict_
+
+
+@pytest.mark.usefixtures("standard_promotion")
+def test_effects_that_follow_the_reported_intensity_alone_are_judged_by_it(stages):
+    null, added = stages.placed.found.null, stages.completed.added
+    assert judged_by_reported(null, added) == {}
+    walk, [one] = EFFECTS["range_walk"], added.refits
+    rows = null.problem.ev.rays.row.shape[-1]
+    neutral = replace(one, effect=walk, fit=replace(one.fit, z=to_z(walk, {}, rows), noise=null.problem.noise))
+    shifted = replace(neutral, fit=replace(neutral.fit, z=to_z(walk, {"amplitude_m": 0.3}, rows)))
+    assert judged_by_reported(null, replace(added, refits=(neutral,)))["range_walk"] == pytest.approx(0, abs=0.01)
+    assert abs(judged_by_reported(null, replace(added, refits=(shifted,)))["range_walk"]) > 1
 
 
 def test_nothing_named_needs_no_confirmation():

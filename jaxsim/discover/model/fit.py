@@ -98,10 +98,15 @@ def coupled(channels: Sequence[str]) -> tuple[str, ...]:
 def rays_for(effect: Law, ev: Evidence) -> Rays:
     """The rays that an effect is fitted to. One that moves readings with the reported intensity is held against the
     intensity that was reported: the predicted one is off by more than the effect's law is wide."""
-    # An effect that changes intensities itself cannot be given the measured ones.
-    if "intensity" in effect.channels or "intensity" not in effect.covariates:
+    if not by_reported(effect):
         return ev.rays
     return replace(ev.rays, log_intensity=jnp.where(ev.returned, ev.log_intensity, ev.rays.log_intensity))
+
+
+def by_reported(effect: Law) -> bool:
+    """Whether an effect is held against the intensity that was reported. One that changes intensities itself cannot be
+    given the measured ones."""
+    return "intensity" in effect.covariates and "intensity" not in effect.channels
 
 
 class Objective:

@@ -20,7 +20,18 @@ from jaxsim.devices import by_small_steps, side_by_side
 from jaxsim.discover.add import Added
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.division import AllScenes, Division, NullModel
-from jaxsim.discover.model.fit import ANSWER_STEPS, Chain, Problem, coupled, fit, in_place
+from jaxsim.discover.model.fit import (
+    ANSWER_STEPS,
+    NOTHING,
+    Chain,
+    Problem,
+    by_reported,
+    channels_of,
+    coupled,
+    fit,
+    in_place,
+    score_at,
+)
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import fit_null, refit, refitted, reweighted
@@ -69,6 +80,24 @@ def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chai
     (gap, closed), frames = side_by_side(numbers, partial(_frames, null, chain, noise, curves=curves))
     maps = residual_maps(before, in_fit=in_fit), residual_maps(after, in_fit=in_fit)
     return Judged(gap, closed, *maps, curves, frames)
+
+
+def judged_by_reported(null: NullModel, added: Added) -> dict[str, float]:
+    """What judge scenes gain by each named effect that follows the intensity which was reported, alone, as it was
+    fitted: nats a scene. The gap is that of simulations, which know the simulated intensity."""
+    held = [fitted for fitted in added.refits if by_reported(fitted.effect)]
+    if not held:
+        return {}
+    every = AllScenes.of(null)
+    before, judged = every.with_effects(), every.in_fit == 0
+    without = score_at(NOTHING, before, every.in_fit, z={}, noise=before.noise)
+    gained = {}
+    for fitted in held:
+        after = score_at(fitted.effect, before, every.in_fit, z=fitted.fit.z, noise=fitted.fit.noise)
+        used = [CHANNELS.index(name) for name in channels_of(fitted.effect)]
+        by_block = (after - without)[judged][:, used].sum(-1)
+        gained[fitted.effect.plain_name] = float(by_block.sum() / len(np.unique(every.scene[judged])))
+    return gained
 
 
 def _with_floor(every: AllScenes, before: Problem, effects: Sequence[Law]) -> Problem:
@@ -147,14 +176,16 @@ def judge_known(
     return shown.gap, shown.closure
 
 
-def without_unconfirmed(verdict: Verdict) -> Verdict:
+def without_unconfirmed(verdict: Verdict, alone: Mapping[str, float] | None = None) -> Verdict:
     """The verdict without the effects by which its judge scenes do not gain: these are kept as `unconfirmed`. The gap
-    still shows what all of them do.
+    still shows what all of them do. `alone` is what these scenes gain by effects that the gap cannot judge
+    (`judged_by_reported`), by name.
 
     The mean decides, not its interval: judge scenes are few, and right effects may be rare or weak
     (`Rules.confirmed_nats`).
     """
-    gained = [verdict.judged_nats(*coupled(effect.channels)) for effect in verdict.effects]
+    alone = alone or {}
+    gained = [alone.get(one.name, verdict.judged_nats(*coupled(one.channels))) for one in verdict.effects]
     lost = tuple(one for one, nats in zip(verdict.effects, gained, strict=True) if nats <= RULES.confirmed_nats)
     if not lost:
         return verdict
