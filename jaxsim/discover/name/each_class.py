@@ -3,7 +3,8 @@
 A simulated street may have flat soil where the real one undulates, and solid crowns where real ones are of leaves. What
 that does to readings can look like an effect of a sensor, as noise that grows while echoes weaken does. But a sensor
 does the same to every surface. So without the class that says most for an effect the others may say little of it, and
-must not clearly speak against it.
+must not clearly speak against it. And where a class's surfaces are seen to be others on the two sides, what else they
+show of ranges and losses must be shown by others as well.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def shown_by(step: FittedStep, problem: Problem, classes: Sequence[int]) -> str:
         return ""
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
     of_these = np.isin(semantic, classes)
-    if of_these[hit].mean() > 0.5:
+    if of_these[hit].mean() > RULES.apart_most_share:
         return ""
     by_others = clipped(gained(step, replace(problem, ev=leaving_out(problem.ev, of_these)))).sum()
     return "" if by_others > RULES.bar_nats else ", ".join(NAMES[one] for one in classes)

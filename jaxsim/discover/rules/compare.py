@@ -42,6 +42,8 @@ class CompareRules:
     apart_class_share: float = 0.03
     """Share of a class's rays on such surfaces from which what this class alone shows of ranges and losses is not said
     (a judgement, not calibrated)."""
+    apart_most_share: float = 0.5
+    """Share of the rays that such classes hold beyond which too little is left to ask (a judgement, not calibrated)."""
     alike_by_chance: float = 0.1
     """Readings off what is simulated that are like one a quarter of the frame away, over those that are like a
     neighbour's: up to this share a neighbour's is of the same surface (set on the development seeds: fog and rain have
