@@ -34,6 +34,7 @@ from jaxsim.data.kitti_files import (
 from jaxsim.files import files_in, read_names
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
+from jaxsim.progress import counted
 
 _log = logging.getLogger(__name__)
 
@@ -232,9 +233,14 @@ def _lacking(scans: Path, images: Path) -> str:
 
 
 def _numbers(scans: Path, images: Path) -> list[str]:
-    """Frame numbers that have a scan and an image."""
+    """Frame numbers that have a scan and an image; scans without an image are told."""
     numbers = set(_frames_in(scans, ".bin")), set(_frames_in(images, ".png"))
     both = sorted(set.intersection(*numbers))
+    if both and (alone := sorted(numbers[0].difference(both))):
+        _log.warning(
+            f"{counted(len(alone), 'scan')} of {len(numbers[0])} in {scans} left out, as {images} has no image of the "
+            f"same number: {alone[0]}{' ...' if len(alone) > 1 else ''}"
+        )
     if not both:
         raise ValueError(
             f"kitti: no scan of {scans} ({min(numbers[0])}.bin, ...) has an image of the same number in "

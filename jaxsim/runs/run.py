@@ -213,10 +213,14 @@ class Checkpoints:
                 raise ValueError("its arrays differ from the SHA-256 that they were saved with")
         except Exception as error:
             # Orbax, tensorstore and their codecs each have errors of their own for bytes that are not theirs.
-            others = [str(other) for other in self.steps if other != step]
+            others = ", ".join(str(other) for other in self.steps if other != step)
+            way_out = (
+                f"remove {self.folder / str(step)}, and the latest of the other steps ({others}) is used"
+                if others
+                else "no other step is kept: bring that folder back from a copy, or train again in another folder"
+            )
             raise ValueError(
-                f"run: step {step} in {self.folder} is damaged, or of another network ({first_line(error)}); "
-                f"remove that folder, and an earlier step is used where one is kept ({', '.join(others) or 'none is'})"
+                f"run: step {step} in {self.folder} is damaged, or of another network ({first_line(error)}); {way_out}"
             ) from error
         # Orbax gives arrays in the shapes that they were saved in, whatever was wanted.
         if other := _other_shape(restored[item], wanted):

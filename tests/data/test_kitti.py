@@ -35,6 +35,12 @@ def test_numbers_that_lack_scan_or_image_are_left_out(raw_root):
     assert [frame.name[-10:] for frame in KittiRaw(raw_root)] == ["0000000001", "0000000000"]
 
 
+def test_scans_without_an_image_are_told(raw_root, caplog):
+    (raw_root / "2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000001.png").unlink()
+    assert len(KittiRaw(raw_root)) == 2
+    assert re.search(r"1 scan of 2 in .*drive_0001_sync.* left out, .* no image .*: 0000000001$", caplog.messages[0])
+
+
 def test_drives_without_images_or_scans_do_no_harm(raw_root):
     date = raw_root / "2011_09_26"
     (date / "2011_09_26_drive_0000_sync/velodyne_points/data").mkdir(parents=True)

@@ -60,6 +60,22 @@ def test_no_flipped_bit_of_150_gives_other_arrays(tmp_path):
     assert same(restored(tmp_path))
 
 
+def test_what_to_do_about_a_damaged_step_depends_on_whether_another_is_kept(tmp_path):
+    def damage(step: int) -> None:
+        files = [path for path in (tmp_path / "checkpoints" / str(step)).rglob("*") if path.is_file()]
+        largest = max(files, key=lambda path: path.stat().st_size)
+        largest.write_bytes(bytes(largest.stat().st_size))
+
+    saved(tmp_path)
+    damage(7)
+    with pytest.raises(ValueError, match="no other step is kept: bring that folder back from a copy, or train again"):
+        restored(tmp_path)
+    Checkpoints(tmp_path).save(8, state=TREE)
+    damage(8)
+    with pytest.raises(ValueError, match=rf"remove {tmp_path}.*/8, and the latest of the other steps \(7\) is used"):
+        restored(tmp_path)
+
+
 @pytest.mark.parametrize("shape", [(40, 25), (50, 40), (2000,)])
 def test_arrays_of_another_shape_are_of_another_network(tmp_path, shape):
     """As of a config.json whose number of filters was changed by hand."""
