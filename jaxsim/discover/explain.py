@@ -23,6 +23,7 @@ from jaxsim.discover.scenes import clipped
 from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
+from jaxsim.progress import counted
 
 ELSEWHERE = {
     EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
@@ -145,17 +146,11 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             f"beside what the sensor model already had: {', '.join(held)}, held as given; the judge scenes are "
             "those of any other run on these frames: after several rounds, what they show is no longer new"
         )
-    drives = len(set(comparison.scenes))
-    if drives == 1:
+    if division.blocks.sectors > 1:
         lines.append(
-            "one drive alone: its frames are cut into the same sectors with gaps between them; sectors are less "
-            "independent than drives"
-        )
-    elif division.blocks.sectors > 1:
-        lines.append(
-            f"{drives} drives alone: frames of each are cut into {division.blocks.sectors} sectors with gaps between "
-            "them; sectors of a drive are less independent than drives, and whether an effect is in some drives only "
-            f"is not asked. {RULES.fewest_scenes} drives or more tell that"
+            f"{counted(len(set(comparison.scenes)), 'drive')} alone: each frame is cut into {division.blocks.sectors} "
+            "sectors with gaps between them; sectors of a drive are less independent than drives, and whether an "
+            f"effect is in some drives only is not asked. {RULES.fewest_scenes} drives or more tell that"
         )
     named_effects = [step.chosen.effect for step in answer.choice.steps]
     lines += [

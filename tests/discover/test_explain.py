@@ -49,10 +49,10 @@ def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
     assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
 
 
-def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, sectors=1, left_out="", **more):
+def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, drives="ab", sectors=1, left_out="", **more):
     """The notes of an answer on frames of which nothing else must be known."""
     scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
-    comparison = SimpleNamespace(notes=(), scenes=("a", "b"), scan=scan, control=control)
+    comparison = SimpleNamespace(notes=(), scenes=tuple(drives), scan=scan, control=control)
     simulator = SimpleNamespace(noise=Levels(), free_contrast=free_contrast)
     parts, blocks = SimpleNamespace(judge=("a",) * 5), SimpleNamespace(sectors=sectors)
     division = SimpleNamespace(parts=parts, blocks=blocks, left_out=left_out, simulator=simulator)
@@ -61,7 +61,9 @@ def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, sectors
 
 def test_few_drives_that_are_cut_into_sectors_are_told():
     [note] = told(sectors=6)
-    assert note.startswith("2 drives alone: frames of each are cut into 6 sectors")
+    assert note.startswith("2 drives alone: each frame is cut into 6 sectors")
+    [note] = told(drives="aa", sectors=12)
+    assert note.startswith("1 drive alone: each frame is cut into 12 sectors")
 
 
 def test_rays_that_are_left_out_are_told():
