@@ -34,8 +34,6 @@ OF_DIRECTIONS = ("sector_occlusion", "motion_distortion", "window_contamination"
 """Effects of a direction of the sensor, or of the moment within a turn."""
 BRIGHTNESS = CHANNELS.index("intensity")
 """The channel that does not count."""
-PIECES = 12
-"""Drives are cut into about so many in all, or one a frame where these are fewer: as many as sectors."""
 
 
 @dataclass(frozen=True)
@@ -94,9 +92,10 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
 
 
 def pieces_of(drives: Sequence[str]) -> list[str]:
-    """The piece that each frame is of: consecutive frames of a drive, about as many pieces of each."""
+    """The piece that each frame is of: consecutive frames of a drive, about as many pieces of each, `Rules.sectors` in
+    all or one a frame where these are fewer."""
     frames_of = Counter(drives)
-    each = -(-PIECES // len(frames_of))
+    each = -(-RULES.sectors // len(frames_of))
     passed: Counter[str] = Counter()
     pieces: list[str] = []
     for drive in drives:

@@ -18,7 +18,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import RayIndex, Surfaces
-from jaxsim.discover.model.contrast import FEWEST_OF_CLASS, class_trend, contrast_of
+from jaxsim.discover.model.contrast import class_trend, contrast_of
 from jaxsim.discover.model.noise_levels import BINS, Levels, cosine_of, filled, lattices_of, noise_levels
 from jaxsim.discover.model.smooth import Smooth, Smoothing, smooth_frames
 from jaxsim.discover.rules import RULES
@@ -235,7 +235,7 @@ def reliability(
     share = np.zeros(detail.shape, np.float32)
     for kind in np.unique(semantic[where]):
         of = where & (semantic == kind)
-        if of.sum() < FEWEST_OF_CLASS:
+        if of.sum() < RULES.fewest_of_class:
             continue
         # Noise hides more of dark surfaces than of bright ones: one share for all would leave both wrong.
         order = np.argsort(level[of])

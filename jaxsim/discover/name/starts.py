@@ -20,16 +20,12 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.places import longest_run, spans_turn, within_turn
 
-PAST_M = (0.02, 0.05, 0.1)
-"""How far past a border between lost and returned rays a gate may lie."""
 BIN_RAD = np.deg2rad(1.0)
-"""Width of the bins of azimuth in which a hidden sector is looked for."""
+"""Width of the bins of azimuth in which a hidden sector is looked for; its borders are then told by single rays."""
 TURN_BINS = 360
 """Bins of a turn."""
 SLICE_M = 0.02
 """Slices of the range in which a wave is looked for: a sixth of the shortest."""
-WAVES = 3
-"""Waves of different lengths that fits begin at."""
 
 Start = dict[str, float]
 
@@ -70,7 +66,7 @@ def _gate(problem: Problem) -> tuple[Start, ...]:
         score = score[: int(np.argmax(score < -RULES.gate_nats)) or None]  # returns have begun
         if len(score) and score.max() > RULES.gate_nats:
             border = float(r[order][int(score.argmax())])
-            starts += [{name: border + sign * past} for past in PAST_M]
+            starts += [{name: border + sign * past} for past in RULES.gate_past_m]
     return tuple(starts)
 
 
@@ -197,7 +193,7 @@ def _wave(problem: Problem) -> tuple[Start, ...]:
     known = EFFECTS["cyclic_range_error"].parameters["cycles_per_m"]
     power = np.where((cycles >= known.low) & (cycles <= known.high), power, 0)
     starts: list[Start] = []
-    for _ in range(WAVES):
+    for _ in range(RULES.waves_tried):
         best = int(power.argmax())
         # A start is none of its neighbours' again.
         power[max(best - 2, 0) : best + 3] = 0

@@ -144,10 +144,6 @@ def written_down(problem: Problem, dependence: Dependence, curve: Candidate) -> 
 
 LETTER = {"intensity": "Δ ln I", OFFSET: "Δ I", "range": "Δ r", "drop": "p(drop)"}
 """What a curve of each change is the height of."""
-CYCLES = np.arange(2.0, 8.01, 0.25)
-"""Cycles of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
-CYCLES_OF_TURN = np.arange(1.0, 8.5)
-"""The same of a curve that closes, in a turn: what runs round the sensor once is a wave, too."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +177,10 @@ def shape_of(
         return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
 
     closed = dependence.covariate in TURNING and float(x[-1] - x[0]) > RULES.whole_turn * TURN
-    turns = CYCLES_OF_TURN if closed else CYCLES * TURN / (span or float(x[-1] - x[0]) or 1.0)
+    fewest, most = RULES.wave_cycles
+    # A curve that closes has whole cycles; of others quarters are near enough.
+    cycles = np.arange(fewest, most + 0.01, 0.25) * TURN / (span or float(x[-1] - x[0]) or 1.0)
+    turns = np.arange(1.0, most + 0.5) if closed else cycles
     shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight, turns=turns)]
     best = min(shapes, key=unexplained)
     if unexplained(best) < RULES.shape_unlike:
