@@ -85,7 +85,7 @@ def add_effects(
     )
 
 
-def changes(null: Problem, fitted: Refit) -> dict[str, Interval]:
+def effect_on_rays(null: Problem, fitted: Refit) -> dict[str, Interval]:
     """What a named effect alone changes on the rays that are compared, by channel: the mean, and the 5th and 95th
     percentile. Nuisances take up much of it in the gap; of an effect that scatters, rounds or adds returns, nothing."""
     before = null.ev.rays

@@ -58,7 +58,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     catalogue = with_look_alikes(candidates, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
     control = placed.division.control
-    beside = cache(partial(sides_of, control, *control.folders)) if control.folders else None
+    beside = cache(partial(sides_of_control, control, *control.folders)) if control.folders else None
     without = ("intensity",) if note else ()
     asked = partial(answer_of, catalogue=catalogue, nulls=nulls, without=without, control_sides=beside, log=log)
     answer, others = asked(placed)
@@ -70,7 +70,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     return Asked(placed, tuple(catalogue), answer, others, contrast, note, without)
 
 
-def sides_of(control: Control, simulated: Path, measured: Path) -> OtherSides:
+def sides_of_control(control: Control, simulated: Path, measured: Path) -> OtherSides:
     """The control's frames, to which what is about to be said of others is held.
 
     Raises ValueError where they are none any more."""

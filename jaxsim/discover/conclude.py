@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.devices import side_by_side
-from jaxsim.discover.add import changes
+from jaxsim.discover.add import effect_on_rays
 from jaxsim.discover.ask import Asked
 from jaxsim.discover.complete import Completed
 from jaxsim.discover.contrast import contrast_of_answer
@@ -79,7 +79,7 @@ def verdict_of(
     return Verdict(
         verdict=answer.verdict,
         effects=tuple(
-            named(step, values, does=changes(null, fitted))
+            named(step, values, does=effect_on_rays(null, fitted))
             for step, values, fitted in zip(choice.steps, added.parameters, added.refits, strict=True)
         ),
         frames=len(placed.comparison.names),

@@ -22,7 +22,13 @@ from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import on_lattices
 from jaxsim.discover.model.null import fit_null, on_evidence
 from jaxsim.discover.model.simulator import Meant, meant
-from jaxsim.discover.other_surfaces import in_words, same_surfaces, seen_by_both, shares_of_classes, surfaces_apart
+from jaxsim.discover.other_surfaces import (
+    apart_in_words,
+    same_surfaces,
+    seen_by_both,
+    shares_of_classes,
+    surfaces_apart,
+)
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.rules import RULES
@@ -117,7 +123,7 @@ class Division:
             apart = surfaces_apart(*both)
             # By few frames the share is not known: those before say whether such surfaces are many.
             if bool(like.left_out) if like else apart.mean() > RULES.one_side_share:
-                left_out, of_classes = in_words(apart, both[0]), shares_of_classes(apart, both[0])
+                left_out, of_classes = apart_in_words(apart, both[0]), shares_of_classes(apart, both[0])
                 both = seen_by_both(*both, same=~apart)
         both_scan, measured = jax.tree.map(jnp.asarray, both)
         simulator = replace(simulator, scan=both_scan)

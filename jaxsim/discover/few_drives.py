@@ -17,7 +17,7 @@ from itertools import compress
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.add import add_effects, changes
+from jaxsim.discover.add import add_effects, effect_on_rays
 from jaxsim.discover.division import AllScenes, NullModel
 from jaxsim.discover.explain import named
 from jaxsim.discover.name.select import Log, choose
@@ -83,7 +83,7 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     if np.delete(gained, BRIGHTNESS).sum() <= RULES.confirmed_nats:
         return nothing
     effects = [
-        named(step, values, does=changes(null.problem, fitted))
+        named(step, values, does=effect_on_rays(null.problem, fitted))
         for step, values, fitted in zip(choice.steps, added.parameters, added.refits, strict=True)
     ]
     of_sensor = added.sensor.effects[len(sectors.known.effects) :]

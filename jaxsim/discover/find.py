@@ -29,7 +29,7 @@ from jaxsim.discover.scenes import best_of_gains, chance_of_best, rank_correlati
 from jaxsim.discover.verdict import Where
 from jaxsim.effects.chain import SensorModel
 
-FITTED = (("intensity", "class"),)
+NUISANCES = (("intensity", "class"),)
 """Dependences that are never listed, for they are a nuisance: what is left along it says how far reflectances are held
 to the table."""
 READ_OFF = (("range", "height"),)
@@ -157,7 +157,7 @@ def reported(dependences: Iterable[Dependence]) -> list[Dependence]:
         for dependence in dependences
         if dependence.p_value <= RULES.dependence_level
         and dependence.gain >= RULES.dependence_nats
-        and (dependence.channel, dependence.covariate) not in FITTED
+        and (dependence.channel, dependence.covariate) not in NUISANCES
     ]
     return sorted(sure, key=lambda dependence: -dependence.gain)[: RULES.dependences_listed]
 

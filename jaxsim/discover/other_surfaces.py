@@ -98,7 +98,7 @@ def shares_of_classes(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> dict[int,
     return {one: float(apart[semantic == one].mean()) for one in classes}
 
 
-def in_words(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> str:
+def apart_in_words(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> str:
     """How many rays are of surfaces that one side alone has, and of which classes most."""
     share = apart.sum() / max((apart | np.asarray(scan.hit)).sum(), 1)
     of_class = shares_of_classes(apart, scan)

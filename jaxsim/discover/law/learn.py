@@ -21,7 +21,7 @@ from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit, in_place
 from jaxsim.discover.model.null import refit, refitted
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
-from jaxsim.discover.name.unexplained import agreed, written_down
+from jaxsim.discover.name.unexplained import agreed, at_knots
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
 from jaxsim.effects import Law
@@ -43,7 +43,7 @@ class Form:
     @classmethod
     def of(cls, problem: Problem, dependence: Dependence, curve: Candidate) -> Form:
         """The form of a free curve that was fitted to the problem's rays."""
-        _, knots, basis, heights = written_down(problem, dependence, curve)
+        _, knots, basis, heights = at_knots(problem, dependence, curve)
         # Columns that only fill up have no height to fit.
         used = basis.any(0)
         numbers = tuple(knots.tolist())

@@ -212,7 +212,7 @@ def cosine_of(scan: Scan) -> Float[np.ndarray, "f r c"]:
 @jax.jit
 def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c"]]:
     """Rays whose neighbours to both sides go on with their surface; and rays that hit nothing between two such."""
-    left, right = shifted(scan, 1), shifted(scan, -1)
+    left, right = columns_shifted(scan, 1), columns_shifted(scan, -1)
     # A surface goes on where class, instance and, within 10 % of 1 / range, both neighbours' distances agree.
     alike = left.hit & right.hit & (left.semantic == right.semantic) & (left.instance == right.instance)
     q_left, q_right = 1 / jnp.maximum(left.range_m, 0.1), 1 / jnp.maximum(right.range_m, 0.1)
@@ -223,7 +223,7 @@ def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c
     return alike & surface, alike & ~scan.hit
 
 
-def shifted(scan: Scan, shift: int) -> Scan:
+def columns_shifted(scan: Scan, shift: int) -> Scan:
     """The scan turned by some columns; what comes in past a border hits nothing."""
     column = jnp.arange(scan.range_m.shape[2])
     inside = (column - shift >= 0) & (column - shift < len(column))
@@ -239,7 +239,7 @@ def shifted(scan: Scan, shift: int) -> Scan:
 def filled(scan: Scan) -> Scan:
     """The scan with single rays put back that it lost within a surface: between their two neighbours."""
     _, hole = neighbourhoods(scan)
-    left, right = shifted(scan, 1), shifted(scan, -1)
+    left, right = columns_shifted(scan, 1), columns_shifted(scan, -1)
     between = 2 / (1 / jnp.maximum(left.range_m, 0.1) + 1 / jnp.maximum(right.range_m, 0.1))
     return replace(
         scan,

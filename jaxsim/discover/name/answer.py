@@ -17,22 +17,22 @@ from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.each_class import denied_without, shown_by
-from jaxsim.discover.name.nulls import run_nulls
+from jaxsim.discover.name.null_draws import draw_nulls
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
-from jaxsim.discover.verdict import Nulls, Unexplained
+from jaxsim.discover.verdict import NullDraws, Unexplained
 from jaxsim.effects import Effect, Law
 from jaxsim.effects.effect import CHANNELS
 
 Along = tuple[str, str]
 """A free curve's channel and covariate."""
 
-Curve = tuple[Dependence, Candidate]
+FreeCurve = tuple[Dependence, Candidate]
 """A free curve, and along what it runs."""
-LeavesNothing = Callable[[Curve, Sequence[Law], float], bool]
+LeavesNothing = Callable[[FreeCurve, Sequence[Law], float], bool]
 """Whether the law of a free curve, in place, leaves effects nothing to say that passes a bar."""
 
 SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before what is simulated"
@@ -52,9 +52,9 @@ class Answer:
     choice: Choice
     unexplained: Unexplained | None
     """What a free curve still finds."""
-    nulls: Nulls | None = None
+    nulls: NullDraws | None = None
     """Where the bar was set on nulls of these very data."""
-    curve: tuple[Dependence, Candidate] | None = None
+    curve: FreeCurve | None = None
     """The free curve behind `unexplained`, fitted on top of what is chosen."""
     unasked: tuple[Along, ...] = ()
     """Free curves that are not asked: those that nobody should ask of these sides, and those that are found on
@@ -114,7 +114,7 @@ def name_effects(
     choice = choose(null, catalogue, refuse=refuse, log=log)
     drawn = None
     if nulls:
-        drawn = run_nulls(null, choice.problem, catalogue, scene=scene, count=nulls, log=log)
+        drawn = draw_nulls(null, choice.problem, catalogue, scene=scene, count=nulls, log=log)
         scenes = len(np.unique(scene))
         # Nulls give their bars a scene; a choice sums over scenes.
         bars = Bars(drawn.bar * scenes, drawn.free_bar * scenes)
@@ -128,7 +128,7 @@ def name_effects(
     # The strongest may be found elsewhere and the next one not: curves are struck off one by one.
     while answer.curve and (why := _elsewhere(others, answer.choice.problem, answer.curve)):
         passed.append(((answer.curve[0].channel, answer.curve[0].covariate), why))
-        log(f"{in_words(passed[-1][0])}, not said: {why}")
+        log(f"{curve_in_words(passed[-1][0])}, not said: {why}")
         # Effects that say less than what the simulator lacks by itself are part of that.
         choice = answer.choice if why == CONTROL else choice
         answer = decided(choice, but=(*unasked, *(along for along, _ in passed)))
@@ -137,7 +137,7 @@ def name_effects(
         answer,
         nulls=drawn,
         unasked=(*unasked, *(along for along, _ in passed)),
-        elsewhere=(*effects, *((in_words(along), why) for along, why in passed)),
+        elsewhere=(*effects, *((curve_in_words(along), why) for along, why in passed)),
         unfounded=tuple(name for name, why in choice.refused.items() if why == UNFOUNDED),
         denied=tuple((name, why) for name, why in choice.refused.items() if why.startswith((DENIED, SHOWN_BY))),
     )
@@ -149,7 +149,7 @@ def clutter_of(null: Problem, step: FittedStep) -> float:
     return float(np.mean(np.asarray(rays.clutter) - np.asarray(null.ev.rays.clutter)))
 
 
-def _elsewhere(others: Sequence[Callable[[], OtherSides]], problem: Problem, curve: Curve) -> str:
+def _elsewhere(others: Sequence[Callable[[], OtherSides]], problem: Problem, curve: FreeCurve) -> str:
     """Why a free curve that was fitted to a problem is not said; empty where no other sides show it."""
     return next((sides.why for other in others if (sides := other()).has_curve(problem, *curve)), "")
 
@@ -164,11 +164,11 @@ def without_curve(answer: Answer) -> Answer:
         verdict="named" if answer.choice.steps else "none",
         unexplained=None,
         curve=None,
-        unconfirmed=(*answer.unconfirmed, in_words(along)),
+        unconfirmed=(*answer.unconfirmed, curve_in_words(along)),
     )
 
 
-def in_words(along: Along) -> str:
+def curve_in_words(along: Along) -> str:
     return f"{along[0]} along {spelled(along[1])}"
 
 
@@ -188,7 +188,7 @@ def decide(
     named: what is there is not in the catalogue. Effects of other channels stay, and so does a lattice, which was read
     off the readings and is there whatever else is. Curves of the channels `without`, and those of `but`, are not asked.
     """
-    free = asked(free_curves(null, dependences, without, bar=choice.bars.free), but)
+    free = without_unasked(free_curves(null, dependences, without, bar=choice.bars.free), but)
     curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     outside = None
     if curves:
@@ -207,7 +207,7 @@ def decide(
     return named_answer(choice, scene=scene, without=without, but=but)
 
 
-def pieced(choice: Choice, curve: Curve, leaves_nothing: LeavesNothing) -> bool:
+def pieced(choice: Choice, curve: FreeCurve, leaves_nothing: LeavesNothing) -> bool:
     """Whether several effects of a channel piece together what a free curve says alone: with its law in place none of
     them is accepted any more."""
     dependence, fit = curve
@@ -218,7 +218,7 @@ def pieced(choice: Choice, curve: Curve, leaves_nothing: LeavesNothing) -> bool:
     return len(pieces) >= RULES.curve_pieces and much and leaves_nothing(curve, pieces, choice.bars.effect)
 
 
-def asked(curves: Sequence[tuple[Dependence, Candidate]], but: Sequence[Along]) -> list[tuple[Dependence, Candidate]]:
+def without_unasked(curves: Sequence[FreeCurve], but: Sequence[Along]) -> list[FreeCurve]:
     return [(along, curve) for along, curve in curves if (along.channel, along.covariate) not in but]
 
 
@@ -238,7 +238,7 @@ def named_answer(
     `but`."""
     after = localise(*standardised(choice.problem, choice.problem.ev.all_blocks), scene)
     # What effects explain is gone from these residuals, so that a curve here is none of them.
-    free = asked(free_curves(choice.problem, after, without, bar=choice.bars.free), but)
+    free = without_unasked(free_curves(choice.problem, after, without, bar=choice.bars.free), but)
     rest = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     if not rest:
         return Answer("named", choice, None)

@@ -92,7 +92,7 @@ class OtherSides:
             return False
         begun = replace(here, noise=self.fit.noise)
         slope = by_scene(partway(law, begun, in_fit, fit=placed, share=RULES.direction_share))
-        return not clearly_more(of.slope / rays_of(there), slope / rays_of(here))
+        return not clearly_more(of.slope / rays_by_scene(there), slope / rays_by_scene(here))
 
     def has(self, step: FittedStep, there: Problem) -> bool:
         """Whether an effect that was chosen of a problem is found here as well."""
@@ -127,7 +127,7 @@ def clearly_more(there: Float[np.ndarray, " s"], here: Float[np.ndarray, " t"]) 
     return chance <= RULES.control_level
 
 
-def rays_of(problem: Problem) -> Float[np.ndarray, " s"]:
+def rays_by_scene(problem: Problem) -> Float[np.ndarray, " s"]:
     """Rays that each scene of a problem holds: what its scenes say grows with them."""
     return problem.ev.by_scene(np.asarray(problem.ev.rays.hit).sum((1, 2)).astype(float))
 

@@ -73,7 +73,7 @@ def _gate(problem: Problem) -> tuple[Start, ...]:
 def _sector(problem: Problem) -> tuple[Start, ...]:
     """Sectors in which nearly every ray is lost, of all rows and of those below the elevation up to which one is told
     best."""
-    cells = Cells.of(problem)
+    cells = GridCells.of(problem)
     if not len(cells.hits):
         return ()
     closed = bool(spans_turn(problem.scan.grid))
@@ -86,7 +86,7 @@ def _sector(problem: Problem) -> tuple[Start, ...]:
 
 
 @dataclass(frozen=True)
-class Cells:
+class GridCells:
     """Cells of the grid in which any ray of the frames hits something: fits look at few columns of a frame, and the
     borders of a sector lie anywhere between two of these."""
 
@@ -96,7 +96,7 @@ class Cells:
     lost: Int[np.ndarray, " n"]
 
     @classmethod
-    def of(cls, problem: Problem) -> Cells:
+    def of(cls, problem: Problem) -> GridCells:
         """The cells of a problem's frames."""
         hits, lost = np.asarray(problem.ev.cell_hits), np.asarray(problem.ev.cell_lost)
         grid = problem.scan.grid
@@ -105,9 +105,9 @@ class Cells:
         seen = hits > 0
         return cls(azimuth[seen], elevation[seen], hits[seen], lost[seen])
 
-    def where(self, keep: Bool[np.ndarray, " n"]) -> Cells:
+    def where(self, keep: Bool[np.ndarray, " n"]) -> GridCells:
         """Some of the cells."""
-        return Cells(self.azimuth[keep], self.elevation[keep], self.hits[keep], self.lost[keep])
+        return GridCells(self.azimuth[keep], self.elevation[keep], self.hits[keep], self.lost[keep])
 
     @property
     def nats(self) -> Float[np.ndarray, " n"]:
@@ -121,7 +121,7 @@ def _bins(azimuth: Float[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, 
     return bins % TURN_BINS if closed else bins - bins.min()
 
 
-def _hidden_below(cells: Cells, *, closed: bool) -> float | None:
+def _hidden_below(cells: GridCells, *, closed: bool) -> float | None:
     """The elevation below which bins of azimuth are hidden most surely; None where it is no row's, or nothing is."""
     azimuth_bin = _bins(cells.azimuth, closed=closed)
     rows, at = np.unique(cells.elevation, return_inverse=True)
@@ -137,7 +137,7 @@ def _hidden_below(cells: Cells, *, closed: bool) -> float | None:
     return float(rows[best : best + 2].mean())
 
 
-def _hidden(cells: Cells, *, closed: bool) -> tuple[Start, ...]:
+def _hidden(cells: GridCells, *, closed: bool) -> tuple[Start, ...]:
     """The longest run of bins of azimuth in which nearly every ray is lost, up to the rays at its borders, and sectors
     about as wide; nothing where no bin is hidden."""
     azimuth = cells.azimuth
@@ -210,7 +210,7 @@ def _wave(problem: Problem) -> tuple[Start, ...]:
 
 def sector_between(problem: Problem, values: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Between which values the parameters of a hidden sector lie, by the cells next to its borders."""
-    cells = Cells.of(problem)
+    cells = GridCells.of(problem)
     away = within_turn(cells.azimuth - float(values["azimuth_rad"]))
     low, inside = cells.elevation < float(values["below_rad"]), np.abs(away) < float(values["width_rad"]) / 2
     right = _border(away[low & (away >= 0)], cells.nats[low & (away >= 0)])

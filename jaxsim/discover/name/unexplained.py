@@ -95,7 +95,7 @@ def _varies(problem: Problem, covariate: str) -> bool:
 
 def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
     """The curve over its covariate, its character, and a closed formula that comes near it."""
-    x, grid, basis, heights = written_down(problem, dependence, candidate)
+    x, grid, basis, heights = at_knots(problem, dependence, candidate)
     # The height at a knot is the mean over fits that left a fold out each; their scatter gives the band.
     curves = heights @ basis.T
     y, band = curves.mean(0), fold_half_width(curves)
@@ -119,7 +119,7 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
     )
 
 
-class Written(NamedTuple):
+class CurveAtKnots(NamedTuple):
     """A free curve of m numbers, fitted with each of f folds left out, at k knots, from n values of its covariate."""
 
     x: Float[np.ndarray, " n"]
@@ -130,7 +130,7 @@ class Written(NamedTuple):
     numbers: Float[np.ndarray, "f m"]
 
 
-def written_down(problem: Problem, dependence: Dependence, curve: Candidate) -> Written:
+def at_knots(problem: Problem, dependence: Dependence, curve: Candidate) -> CurveAtKnots:
     """A free curve that was fitted to a problem's rays, at its knots."""
     x = values_along(problem, dependence.covariate)
     knots = np.unique(x)
@@ -139,7 +139,7 @@ def written_down(problem: Problem, dependence: Dependence, curve: Candidate) -> 
     # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
     basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
     numbers = np.stack([np.asarray(to_values(curve.effect, of_fold.z)["height"]) for of_fold in curve.fits])
-    return Written(x, knots, basis, numbers)
+    return CurveAtKnots(x, knots, basis, numbers)
 
 
 LETTER = {"intensity": "Δ ln I", OFFSET: "Δ I", "range": "Δ r", "drop": "p(drop)"}

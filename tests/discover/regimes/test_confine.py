@@ -13,7 +13,7 @@ from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.regimes.chance import ask, scenes_by_size
+from jaxsim.discover.regimes.chance import best_region, scenes_by_size
 from jaxsim.discover.regimes.confine import JudgeScenes, confine
 from jaxsim.discover.regimes.find import sizes
 from jaxsim.discover.regimes.questions import cells_of, questions
@@ -36,7 +36,7 @@ def asked(null, facts):
     """The best region of every question, of beam gains fitted to all frames; by what divides."""
     one = fit(GAIN, null, EVERYONE)
     of = cells_of(GAIN, null, one, sector=facts.sector, sectors=facts.sectors)
-    found = [ask(q, of, facts.scene) for q in questions(facts)]
+    found = [best_region(q, of, facts.scene) for q in questions(facts)]
     # Moments are asked about twice, from one on and between two: the clearer answer comes last and stays.
     found.sort(key=lambda one: -one.p_value)
     return of, {(one.question.divides, one.question.regions[0].tag): one for one in found}

@@ -12,7 +12,7 @@ from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.name import nulls
-from jaxsim.discover.name.nulls import bootstrap, run_nulls
+from jaxsim.discover.name.null_draws import bootstrap, draw_nulls
 from jaxsim.discover.name.select import Bars
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
@@ -132,7 +132,7 @@ def nulls_that_gain(monkeypatch):
         monkeypatch.setattr(nulls, "rank_effects", lambda null, effects: null[0])
         monkeypatch.setattr(nulls, "free_curves", lambda null, dependences: [(None, curve) for curve in null[1]])
         bare = bare_problem(scan=None, clutter=False)
-        return run_nulls(bare, bare, (), scene=np.arange(SCENES), count=len(rounds))
+        return draw_nulls(bare, bare, (), scene=np.arange(SCENES), count=len(rounds))
 
     return given
 

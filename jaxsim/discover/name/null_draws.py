@@ -32,7 +32,7 @@ from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.name.unexplained import free_curves, sure
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import Nulls
+from jaxsim.discover.verdict import NullDraws
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import sample
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
@@ -41,7 +41,7 @@ from jaxsim.frame import Array
 Array3 = Float[np.ndarray, "b c r"]
 
 
-def run_nulls(
+def draw_nulls(
     problem: Problem,
     explained: Problem,
     effects: Iterable[Effect],
@@ -49,7 +49,7 @@ def run_nulls(
     scene: Int[np.ndarray, " b"],
     count: int,
     log: Log = lambda line: None,
-) -> Nulls:
+) -> NullDraws:
     """The naming's first step on `count` nulls drawn from `problem`, and the bars that none of them passes, for effects
     and for free curves; at least the standing one. `scene` is that of each block."""
     catalogue = tuple(effects)
@@ -69,7 +69,7 @@ def run_nulls(
         free.append(curve.total if curve else 0.0)
         text = f"{names[-1]} gains {gains[-1]:.1f} nats" if best else "no effect that scenes agree on"
         log(f"null {seed + 1} of {count}: {text}" + (f", a free curve gains {free[-1]:.1f}" if curve else ""))
-    return Nulls(
+    return NullDraws(
         effects=tuple(names),
         gains=tuple(gain / scenes for gain in gains),
         free=tuple(gain / scenes for gain in free),
