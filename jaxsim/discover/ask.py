@@ -53,7 +53,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     """Which effects of the catalogue are missing; then free curves for what is not in it. The bar is set on so many
     `nulls` drawn from these data, where any are asked for."""
     null = placed.found.null.problem
-    note = unrelated(correlations(null.ev, placed.found.null.scene))
+    note = unrelated(correlations(null.ev))
     candidates = [effect for effect in placed.catalogue if not note or of_ranges(effect)]
     catalogue = with_look_alikes(candidates, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
@@ -100,7 +100,6 @@ def answer_of(
         null,
         catalogue,
         found.single,
-        scene=found.null.scene,
         nulls=nulls,
         without=without,
         unasked=HIDDEN_BY_CONTRAST if simulator.free_contrast else HIDDEN_BY_NOISE if simulator.intensities else (),

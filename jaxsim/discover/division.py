@@ -213,8 +213,7 @@ class NullModel:
         ev, _ = division.evidence(division.parts.find, known)
         # The null needs the component of false returns as soon as a known effect makes some.
         clutter = any(get_effect(name).clutter for name, _ in (*control.effects, *known.effects))
-        problem, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
-        return cls(division, known, problem)
+        return cls(division, known, fit_null(division.scan, ev, clutter=clutter))
 
     @property
     def scene(self) -> Int[np.ndarray, " b"]:

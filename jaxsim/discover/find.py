@@ -23,6 +23,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.devices import side_by_side
 from jaxsim.discover.covariates import COVARIATES, Dependence, curve_basis, spelled, values_of
 from jaxsim.discover.division import NOTHING_YET, Division, NullModel
+from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import best_of_gains, chance_of_best, rank_correlation
@@ -150,6 +151,11 @@ def localise(
     return sorted(dependences, key=lambda dependence: -dependence.gain)
 
 
+def dependences_of(problem: Problem) -> list[Dependence]:
+    """On which single covariates the residuals of a fitted problem depend, strongest first."""
+    return localise(*standardised(problem), np.asarray(problem.ev.scene))
+
+
 def reported(dependences: Iterable[Dependence]) -> list[Dependence]:
     """The dependences that a verdict lists, strongest first."""
     sure = [
@@ -250,7 +256,7 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     """The null model with the `known` effects in place, and what its residuals depend on. Raises ValueError for a
     learned law of what the frames do not hold."""
     null = NullModel.of(division, known)
-    rays, residuals = standardised(null.problem, null.problem.ev.all_blocks)
+    rays, residuals = standardised(null.problem)
     single, crossed = side_by_side(
         partial(localise, rays, residuals, null.scene), partial(interactions, rays, residuals, null.scene)
     )

@@ -25,9 +25,8 @@ def fitted(effect: str, scan, measured):
     scan, measured = device(scan, measured)
     columns = np.broadcast_to(np.arange(0, 60, 2), (len(FRAMES), 30))
     ev = gather(scan, measured, frame=FRAMES, column=columns, scene=FRAMES)
-    everyone = np.ones(len(FRAMES), np.float32)
-    problem, _ = fit_null(scan, ev, everyone)
-    return problem, fit(EFFECTS[effect], problem, everyone, steps=80)
+    problem = fit_null(scan, ev)
+    return problem, fit(EFFECTS[effect], problem, steps=80)
 
 
 @pytest.mark.long

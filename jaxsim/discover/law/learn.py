@@ -113,7 +113,7 @@ def curve_form(
         better = p_value(clipped(candidate.by_scene - curve.by_scene)) <= RULES.alike_level
         if agreed(candidate, bar) and candidate.total > least and better:
             size = len(bare.values)
-            heights = [np.asarray(to_values(candidate.effect, fit.z)["height"])[:size] for fit in candidate.fits]
+            heights = [np.asarray(values["height"])[:size] for values in candidate.fitted_values]
             form, least = Form(bare, np.eye(size, dtype=np.float32), np.mean(heights, axis=0)), candidate.total
     return form
 

@@ -73,6 +73,11 @@ class Meant:
     free_contrast: bool = False
     """Whether how far the sensor follows the contrast of intensities without noise is left to a nuisance."""
 
+    @classmethod
+    def as_said(cls, scan: Scan) -> Meant:
+        """A simulator without noise, which means what it says."""
+        return cls(scan, lattices_of(scan), Levels())
+
     @property
     def noisy(self) -> bool:
         """Whether the simulator's readings have noise of their own."""
@@ -162,12 +167,10 @@ class AtRays:
 
 
 def at_rays(
-    scan: Scan, index: RayIndex, *, surfaces: Surfaces, given_rad: Float[Array, "f r n"], simulator: Meant | None
+    scan: Scan, index: RayIndex, *, surfaces: Surfaces, given_rad: Float[Array, "f r n"], simulator: Meant
 ) -> AtRays:
-    """What is known of the simulator's own noise, at the rays of `index`; a simulator without any (None) means what it
-    says."""
-    noise = lattices_of(scan) if simulator is None else simulator.noise
-    ranges = None if simulator is None else simulator.ranges
+    """What is known of the simulator's own noise, at the rays of `index`."""
+    noise, ranges = simulator.noise, simulator.ranges
     nothing = np.zeros((1, 1, 1), np.float32)
     simulated = AtRays(
         detail=None,
@@ -179,11 +182,9 @@ def at_rays(
         trusted=nothing == 0,
         log_kept=np.float32(np.log1p(-noise.loss)),
         step=np.array([noise.intensity_step, noise.range_step_m], np.float32),
-        constant=np.float32(0.0 if simulator is None else simulator.measured_noise.intensity),
+        constant=np.float32(simulator.measured_noise.intensity),
         own_constant=np.float32(noise.intensity),
     )
-    if simulator is None:
-        return simulated
     if simulator.intensities is None:
         free = simulator.free_contrast
         return replace(simulated, detail=contrast_of(scan, index, given_rad=given_rad)) if free else simulated

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-from jaxtyping import Int
 
 from jaxsim.discover.covariates import Dependence, spelled
-from jaxsim.discover.find import localise
+from jaxsim.discover.find import dependences_of
 from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import standardised
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.each_class import denied_without, shown_by
 from jaxsim.discover.name.null_draws import draw_nulls
@@ -74,7 +71,6 @@ def name_effects(
     catalogue: Sequence[Effect],
     dependences: Sequence[Dependence],
     *,
-    scene: Int[np.ndarray, " b"],
     nulls: int = 0,
     without: Sequence[str] = (),
     unasked: Sequence[Along] = (),
@@ -85,7 +81,7 @@ def name_effects(
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
-    dependences, say more. `scene` is that of each block.
+    dependences, say more.
 
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`,
@@ -114,16 +110,15 @@ def name_effects(
     choice = choose(null, catalogue, refuse=refuse, log=log)
     drawn = None
     if nulls:
-        drawn = draw_nulls(null, choice.problem, catalogue, scene=scene, count=nulls, log=log)
-        scenes = len(np.unique(scene))
+        drawn = draw_nulls(null, choice.problem, catalogue, count=nulls, log=log)
+        scenes = len(np.unique(null.ev.scene))
         # Nulls give their bars a scene; a choice sums over scenes.
         bars = Bars(drawn.bar * scenes, drawn.free_bar * scenes)
         log(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
         raised = bars.effect > RULES.bar_nats
         choice = choose(null, catalogue, bars=bars, refuse=refuse, log=log) if raised else replace(choice, bars=bars)
     passed: list[tuple[Along, str]] = []
-    of_null: dict[str, Any] = {"dependences": dependences, "scene": scene, "without": without}
-    decided = partial(decide, null, **of_null, leaves_nothing=leaves_nothing)
+    decided = partial(decide, null, dependences=dependences, without=without, leaves_nothing=leaves_nothing)
     answer = decided(choice, but=unasked)
     # The strongest may be found elsewhere and the next one not: curves are struck off one by one.
     while answer.curve and (why := _elsewhere(others, answer.choice.problem, answer.curve)):
@@ -177,7 +172,6 @@ def decide(
     choice: Choice,
     dependences: Sequence[Dependence],
     *,
-    scene: Int[np.ndarray, " b"],
     without: Sequence[str] = (),
     but: Sequence[Along] = (),
     leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
@@ -204,7 +198,7 @@ def decide(
             choice = replace(choice, steps=steps, problem=with_steps(null, steps))
     if not choice.steps:
         return Answer("none", choice, None)
-    return named_answer(choice, scene=scene, without=without, but=but)
+    return named_answer(choice, without=without, but=but)
 
 
 def pieced(choice: Choice, curve: FreeCurve, leaves_nothing: LeavesNothing) -> bool:
@@ -231,12 +225,10 @@ def stands(step: FittedStep, channel: str) -> bool:
     return channel not in effect.channels or mostly or effect.name in FINEST
 
 
-def named_answer(
-    choice: Choice, *, scene: Int[np.ndarray, " b"], without: Sequence[str] = (), but: Sequence[Along] = ()
-) -> Answer:
+def named_answer(choice: Choice, *, without: Sequence[str] = (), but: Sequence[Along] = ()) -> Answer:
     """What is chosen, and what a free curve still finds beside it, of other channels than those `without`, and none of
     `but`."""
-    after = localise(*standardised(choice.problem, choice.problem.ev.all_blocks), scene)
+    after = dependences_of(choice.problem)
     # What effects explain is gone from these residuals, so that a curve here is none of them.
     free = without_unasked(free_curves(choice.problem, after, without, bar=choice.bars.free), but)
     rest = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]

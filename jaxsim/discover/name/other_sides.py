@@ -30,7 +30,7 @@ from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Fit, Problem, channels_of, fit, fit_noise, partway
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import implied_level
-from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.read import Comparison
@@ -60,7 +60,7 @@ class OtherSides:
     def of_control(cls, comparison: Comparison) -> OtherSides:
         """The control's frames, with what was named of them in place."""
         null = NullModel.of(Division.of(comparison))
-        return cls(null, fit_noise(null.problem, null.problem.ev.all_blocks), frozenset(CHANNELS), CONTROL)
+        return cls(null, fit_noise(null.problem), frozenset(CHANNELS), CONTROL)
 
     @classmethod
     def exchanged(cls, comparison: Comparison, null: NullModel) -> OtherSides:
@@ -69,8 +69,7 @@ class OtherSides:
         division = null.division
         turned = Division.of(exchange(comparison, division), chosen=division.blocks, parts=division.parts)
         other = NullModel.of(turned)
-        noise = fit_noise(other.problem, other.problem.ev.all_blocks)
-        return cls(other, noise, alike(division, null.problem), EXCHANGED)
+        return cls(other, fit_noise(other.problem), alike(division, null.problem), EXCHANGED)
 
     def shows(self, law: Law, values: dict[str, np.ndarray], of: Candidate, *, there: Problem, here: Problem) -> bool:
         """Whether a law with the values that a candidate was fitted to `there` is found here as well; both problems are
@@ -99,8 +98,7 @@ class OtherSides:
         effect = step.chosen.effect
         if self.channels.isdisjoint(effect.channels):
             return False
-        values = {name: np.asarray(value) for name, value in to_values(effect, step.fit.z).items()}
-        return self.shows(effect, values, step.chosen, there=there, here=self.null.problem)
+        return self.shows(effect, host_values(effect, step.fit.z), step.chosen, there=there, here=self.null.problem)
 
     def has_curve(self, fitted_to: Problem, along: Dependence, curve: Candidate) -> bool:
         """Whether a free curve is found here as well."""
@@ -108,7 +106,7 @@ class OtherSides:
             return False
         name = along.covariate
         known = values_along(fitted_to, name)
-        fits = [np.asarray(to_values(curve.effect, of_fold.z)["height"]) for of_fold in curve.fits]
+        fits = [np.asarray(values["height"]) for values in curve.fitted_values]
         height = fixed_basis(known, name) @ np.mean(fits, axis=0)
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
         order = np.argsort(known, kind="stable")

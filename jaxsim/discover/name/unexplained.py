@@ -26,7 +26,6 @@ from jaxsim.discover.covariates import (
     with_basis,
 )
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import attainable, fold_half_width
@@ -138,7 +137,7 @@ def at_knots(problem: Problem, dependence: Dependence, curve: Candidate) -> Curv
         knots = np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
     # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
     basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
-    numbers = np.stack([np.asarray(to_values(curve.effect, of_fold.z)["height"]) for of_fold in curve.fits])
+    numbers = np.stack([np.asarray(values["height"]) for values in curve.fitted_values])
     return CurveAtKnots(x, knots, basis, numbers)
 
 

@@ -187,7 +187,7 @@ def find_regimes(
             regimes.append(regime_of(sized._replace(confined=confined), lead, gained, facts=facts))
     if not regimes:
         return Divided(answer)
-    named = named_answer(choice, scene=facts.scene, without=without, but=answer.unasked)
+    named = named_answer(choice, without=without, but=answer.unasked)
     told = {name: getattr(named, name) for name in ("verdict", "choice", "unexplained", "curve")}
     # What else the answer knows (nulls, what was found and is not said) holds of the parts as well.
     return Divided(replace(answer, **told), tuple(regimes))

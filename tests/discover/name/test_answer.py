@@ -59,15 +59,13 @@ def test_three_effects_that_one_curve_leaves_nothing_to_say_are_its_pieces(named
     curve = candidate("curve", 8)
     monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["intensity"], curve)])
     monkeypatch.setattr(answer, "describe_curve", lambda *_: Unexplained("intensity", "range", "other", ""))
-    monkeypatch.setattr(answer, "localise", lambda *_: [])
-    monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))
+    monkeypatch.setattr(answer, "dependences_of", lambda *_: [])
     monkeypatch.setattr(answer, "named_answer", lambda choice, **_: answer.Answer("named", choice, None))
     monkeypatch.setattr(answer, "with_steps", lambda null, steps: problem())
     said = answer.decide(
         problem(),
         Choice(tuple(map(step, named)), (), problem()),
         [],
-        scene=np.arange(11),
         leaves_nothing=lambda found, effects, bar: leaves,
     )
     assert (len(said.choice.steps) == len(named)) is whole
@@ -100,20 +98,18 @@ def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
         "describe_curve",
         lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
     )
-    monkeypatch.setattr(answer, "localise", lambda *_: [])
-    monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))
+    monkeypatch.setattr(answer, "dependences_of", lambda *_: [])
     monkeypatch.setattr(answer, "with_steps", lambda null, steps: refitted.append(len(steps)) or one)
     gain = step(candidate("beam_gain", 8))
     lost = step(candidate("random_dropout", 2, "drop"))
-    scene = np.arange(11)
-    said = answer.decide(null, Choice((gain, lost), (), both), [], scene=scene)
+    said = answer.decide(null, Choice((gain, lost), (), both), [])
     assert said.verdict == "named"
     assert [step.chosen.effect.name for step in said.choice.steps] == ["beam_gain"]
     assert said.unexplained
     assert said.unexplained.channel == "drop"
     assert said.choice.problem is one
     assert refitted == [1]
-    said = answer.decide(null, Choice((lost,), (), both, refused={"gamma_response": "noise"}), [], scene=scene)
+    said = answer.decide(null, Choice((lost,), (), both, refused={"gamma_response": "noise"}), [])
     assert (said.verdict, said.choice.steps) == ("not_in_catalogue", ())
     assert said.choice.refused == {"gamma_response": "noise"}
     assert said.unexplained
@@ -131,12 +127,11 @@ def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch):
         "describe_curve",
         lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
     )
-    monkeypatch.setattr(answer, "localise", lambda *_: [])
-    monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))
+    monkeypatch.setattr(answer, "dependences_of", lambda *_: [])
     monkeypatch.setattr(answer, "with_steps", lambda null, steps: one)
     lattice, weak = step(candidate("intensity_quantization", 4000)), step(candidate("beam_gain", 3))
     for steps, remains in (((lattice,), both), ((lattice, weak), one)):
-        said = answer.decide(problem(), Choice(steps, (), both), [], scene=np.arange(11))
+        said = answer.decide(problem(), Choice(steps, (), both), [])
         assert said.verdict == "named"
         assert [step.chosen.effect.name for step in said.choice.steps] == ["intensity_quantization"]
         assert said.unexplained
@@ -166,12 +161,12 @@ def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch):
         lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
     )
     others = [partial(showing, why=EXCHANGED, all_curves=False), partial(showing, why=CONTROL, all_curves=True)]
-    said = answer.name_effects(whole, [], [], scene=np.arange(11), others=others)
+    said = answer.name_effects(whole, [], [], others=others)
     assert said.verdict == "none"
     assert said.elsewhere == (("intensity along range", CONTROL),)
-    assert answer.name_effects(whole, [], [], scene=np.arange(11)).verdict == "not_in_catalogue"
+    assert answer.name_effects(whole, [], []).verdict == "not_in_catalogue"
     # Nor is one that is not to be asked at all, and nothing is said of it.
-    unasked = answer.name_effects(whole, [], [], scene=np.arange(11), unasked=[("intensity", "range")])
+    unasked = answer.name_effects(whole, [], [], unasked=[("intensity", "range")])
     assert (unasked.verdict, unasked.elsewhere) == ("none", ())
     # Nor where effects are confined to a part later.
     assert said.unasked == unasked.unasked == (("intensity", "range"),)
@@ -187,7 +182,7 @@ def test_an_effect_that_says_less_than_what_the_simulator_lacks_by_itself_is_par
     monkeypatch.setattr(answer, "describe_curve", lambda *_: Unexplained("intensity", "range", "other", ""))
     monkeypatch.setattr(answer, "named_answer", lambda choice, **_: answer.Answer("named", choice, None))
     others = [partial(showing, why=why, all_curves=True)]
-    said = answer.name_effects(whole, [], [], scene=np.arange(11), others=others)
+    said = answer.name_effects(whole, [], [], others=others)
     assert said.verdict == verdict
     assert len(said.choice.steps) == (verdict == "named")
 
@@ -218,6 +213,6 @@ def test_false_returns_are_said_where_they_are_more_than_thin_things_make(share,
     false = rng.random(of.measured.valid.shape) < share
     early = np.where(false, rng.uniform(0.1, 0.9, false.shape), 1) * of.measured.range_m
     null = NullModel.of(Division.of(replace(of, measured=replace(of.measured, range_m=early.astype(np.float32)))))
-    told = answer.name_effects(null.problem, [EFFECTS["interference"]], (), scene=null.scene)
+    told = answer.name_effects(null.problem, [EFFECTS["interference"]], ())
     assert [step.chosen.effect.name for step in told.choice.steps] == ["interference"] * said
     assert told.elsewhere == (() if said else (("interference", answer.SCARCE),))

@@ -24,7 +24,6 @@ from tests.discover.toy import device, toy
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
 GAIN = EFFECTS["beam_gain"]
-EVERYONE = np.ones(FRAMES, np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +33,7 @@ def night(standard_promotion):
 
 def asked(null, facts):
     """The best region of every question, of beam gains fitted to all frames; by what divides."""
-    one = fit(GAIN, null, EVERYONE)
+    one = fit(GAIN, null)
     of = cells_of(GAIN, null, one, sector=facts.sector, sectors=facts.sectors)
     found = [best_region(q, of, facts.scene) for q in questions(facts)]
     # Moments are asked about twice, from one on and between two: the clearer answer comes last and stays.
@@ -103,7 +102,7 @@ def test_what_acts_everywhere_is_not_confined(standard_promotion):
 def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
     some = np.isin(np.arange(FRAMES), [0, 3, 4, 8])
     null, facts = halves(some)
-    one = fit(GAIN, null, EVERYONE)
+    one = fit(GAIN, null)
     halved = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
     of = cells_of(GAIN, null, one, sector=halved, sectors=2 * facts.sectors)
     found = scenes_by_size(of, facts)
@@ -126,7 +125,7 @@ def test_what_judge_scenes_are_held_to_does_not_rest_on_what_they_report(standar
     frame = np.arange(9)
     column = np.broadcast_to(np.arange(0, 60, 2), (9, 30))
     in_fit = (frame < 6).astype(np.float32)
-    null, _ = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), in_fit)
+    null = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), in_fit)
     law = EFFECTS["range_walk"]
     result = replace(fit(law, null, in_fit, steps=1), z=to_z(law, walk, 16), noise=null.noise)
     scenes = object.__new__(AllScenes)
