@@ -17,10 +17,10 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, seeing, with_planes
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
-from jaxsim.discover.model.fit import Chain, Problem
+from jaxsim.discover.model.fit import Chain, Problem, in_place
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import on_lattices
-from jaxsim.discover.model.null import fit_null, on_evidence
+from jaxsim.discover.model.null import fit_null, reweighted
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.other_surfaces import (
     apart_in_words,
@@ -215,11 +215,6 @@ class NullModel:
         clutter = any(get_effect(name).clutter for name, _ in (*control.effects, *known.effects))
         return cls(division, known, fit_null(division.scan, ev, clutter=clutter))
 
-    @property
-    def scene(self) -> Int[np.ndarray, " b"]:
-        """The scene of each of its blocks."""
-        return self.division.blocks_of(self.division.parts.find)[1]
-
 
 @dataclass(frozen=True)
 class AllScenes:
@@ -246,4 +241,5 @@ class AllScenes:
         null's)."""
         null = self.null.problem
         noise = null.noise if noise is None else noise
-        return on_evidence(self.division.scan, self.ev, null, effects=effects, noise=noise, in_fit=self.in_fit)
+        bare = Problem(self.division.scan, self.ev, null.equations, noise, null.clutter)
+        return reweighted(in_place(bare, effects, simulated=True), self.in_fit)

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import side_by_side
-from jaxsim.discover.covariates import COVARIATES, Dependence, curve_basis, spelled, values_of
+from jaxsim.discover.covariates import COVARIATES, Dependence, curve_basis, products, spelled, values_of
 from jaxsim.discover.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import standardised
@@ -212,8 +212,7 @@ def interactions(
             continue
         gains = []
         for a, b in crossed:
-            products = (curves[a][:, :, None] * curves[b][:, None, :]).reshape(len(rest), -1)
-            model = Additive(rest, {"product": products}, index, scenes=scenes)
+            model = Additive(rest, {"product": products(curves[a], curves[b])}, index, scenes=scenes)
             gains.append(model.by_scene(np.zeros(len(rest)), model.predicted(["product"]))[0])
         best, p = best_of_gains(np.stack(gains))
         if p <= level:
@@ -257,8 +256,9 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     learned law of what the frames do not hold."""
     null = NullModel.of(division, known)
     rays, residuals = standardised(null.problem)
+    scene = np.asarray(null.problem.ev.scene)
     single, crossed = side_by_side(
-        partial(localise, rays, residuals, null.scene), partial(interactions, rays, residuals, null.scene)
+        partial(localise, rays, residuals, scene), partial(interactions, rays, residuals, scene)
     )
     listed = reported([*single, *crossed])
     where = tuple(Where(found.channel, spelled(found.covariate), found.p_value, found.share) for found in listed)

@@ -49,14 +49,15 @@ def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
     assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
 
 
-def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, drives="ab", sectors=1, left_out="", **more):
+def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, drives="ab", sectors=1, **more):
     """The notes of an answer on frames of which nothing else must be known."""
     scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
     comparison = SimpleNamespace(notes=(), scenes=tuple(drives), scan=scan, control=control)
     simulator = SimpleNamespace(noise=Levels(), free_contrast=free_contrast)
     parts, blocks = SimpleNamespace(judge=("a",) * 5), SimpleNamespace(sectors=sectors)
-    division = SimpleNamespace(parts=parts, blocks=blocks, left_out=left_out, simulator=simulator)
-    return inspect.unwrap(notes)(comparison, division, Answer("named", Choice(steps, (), problem()), None, **more))
+    division = SimpleNamespace(parts=parts, blocks=blocks, left_out=more.pop("left_out", ""), simulator=simulator)
+    choice = Choice(steps, (), problem(), refused=more.pop("refused", {}))
+    return inspect.unwrap(notes)(comparison, division, Answer("named", choice, None, **more))
 
 
 def test_few_drives_that_are_cut_into_sectors_are_told():
@@ -79,7 +80,7 @@ def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
 
 
 def test_what_one_class_alone_shows_is_told_to_be_of_its_surfaces():
-    [note] = told(denied=(("range_noise", f"{DENIED} terrain"),))
+    [note] = told(refused={"range_noise": f"{DENIED} terrain"})
     assert note.startswith("found, and not said: range_noise. All other surfaces speak against it, without those of")
     assert "terrain. It is taken for something of these surfaces" in note
 

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, values_along, with_columns
+from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, products, values_along, with_columns
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit, in_place
 from jaxsim.discover.model.null import refit, refitted
 from jaxsim.discover.model.parameters import to_values, to_z
@@ -124,7 +124,7 @@ def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Le
     knots = [np.unique(np.quantile(values, np.linspace(0, 1, RULES.interaction_knots))) for values in x]
     weights = [hats(values, at) for values, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])
-    tried = with_columns(problem, (weights[0][:, :, None] * weights[1][:, None, :]).reshape(-1, size))
+    tried = with_columns(problem, products(*weights))
     [candidate] = rank_effects(tried, [CURVES[channel]], null=problem.null_fits)
     nothing = (0.0,) * size
     return Learned(channel, "product", names, tuple(map(_plain, knots)), nothing, nothing), candidate

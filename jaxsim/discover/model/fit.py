@@ -95,7 +95,7 @@ def coupled(channels: Sequence[str]) -> tuple[str, ...]:
     return (*(("intensity",) if "intensity" in channels else ()), *returns)
 
 
-def columns_of(effect: Law) -> list[int]:
+def score_columns(effect: Law) -> list[int]:
     """The columns of a score by channel that an effect can change."""
     return [CHANNELS.index(name) for name in channels_of(effect)]
 

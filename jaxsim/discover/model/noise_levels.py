@@ -48,7 +48,7 @@ def lattice_step(values: Float[np.ndarray, " n"], *, finest: float) -> float:
     smallest = np.quantile(gaps, 0.05)
     for step in (smallest, *np.unique(gaps.round(6))[:5]):
         step = _refined(x, float(step))
-        if step > finest and _share(x, step) >= RULES.lattice_share:
+        if step > finest and np.mean(_on(x, step)) >= RULES.lattice_share:
             return step
     return 0.0
 
@@ -62,11 +62,6 @@ def _refined(x: np.ndarray, step: float) -> float:
         if few.any():
             step = float((x[few] @ k[few]) / (k[few] @ k[few]))
     return step
-
-
-def _share(x: np.ndarray, step: float) -> float:
-    """Share of the values that lie on the lattice."""
-    return float(np.mean(_on(x, step)))
 
 
 def _on(x: np.ndarray, step: float) -> Bool[np.ndarray, "*n"]:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import ANSWER_STEPS, ENOUGH, Chain, Fit, Problem, fit, fit_noise, in_place
+from jaxsim.discover.model.fit import ANSWER_STEPS, ENOUGH, Fit, Problem, fit, fit_noise, in_place
 from jaxsim.discover.model.likelihood import MOST_LIKELY, log_lost
 from jaxsim.discover.model.noise import START, Noise, intensity_variance, reading_variance
 from jaxsim.discover.model.noise_levels import FINEST
@@ -129,14 +129,6 @@ def reweighted(problem: Problem, in_fit: Float[np.ndarray, " b"]) -> Problem:
     raw = normal_equations(problem.ev, problem.noise, first_residuals(problem.ev))
     off = conditional_residuals(problem.ev, raw, jnp.asarray(in_fit))
     return replace(problem, equations=normal_equations(problem.ev, problem.noise, off))
-
-
-def on_evidence(
-    scan: Scan, ev: Evidence, null: Problem, *, effects: Chain, noise: Noise, in_fit: Float[np.ndarray, " b"]
-) -> Problem:
-    """The null model's problem on other evidence, with effects in place and the noise that they leave."""
-    problem = Problem(scan, ev, null.equations, noise, null.clutter)
-    return reweighted(in_place(problem, effects, simulated=True), in_fit)
 
 
 @dataclass(frozen=True)

@@ -58,12 +58,18 @@ class Answer:
     other sides as well."""
     elsewhere: tuple[tuple[str, str], ...] = ()
     """All that was found, and is not said for one of SHOWN_ELSEWHERE, in words, and why."""
-    unfounded: tuple[str, ...] = ()
-    """Effects that were found, and are not said because neighbouring readings do not bear them out."""
-    denied: tuple[tuple[str, str], ...] = ()
-    """Effects that were found, and are not said because one class alone shows them, and why."""
     unconfirmed: tuple[str, ...] = ()
     """Free curves that scenes to which they were not fitted do not gain by, in words."""
+
+    @property
+    def unfounded(self) -> tuple[str, ...]:
+        """The effects that were found, and are not said because neighbouring readings do not bear them out."""
+        return tuple(name for name, why in self.choice.refused.items() if why == UNFOUNDED)
+
+    @property
+    def denied(self) -> tuple[tuple[str, str], ...]:
+        """The effects that were found, and are not said because one class alone shows them, and why."""
+        return tuple((name, why) for name, why in self.choice.refused.items() if why.startswith((DENIED, SHOWN_BY)))
 
 
 def name_effects(
@@ -133,8 +139,6 @@ def name_effects(
         nulls=drawn,
         unasked=(*unasked, *(along for along, _ in passed)),
         elsewhere=(*effects, *((curve_in_words(along), why) for along, why in passed)),
-        unfounded=tuple(name for name, why in choice.refused.items() if why == UNFOUNDED),
-        denied=tuple((name, why) for name, why in choice.refused.items() if why.startswith((DENIED, SHOWN_BY))),
     )
 
 

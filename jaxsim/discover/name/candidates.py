@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.fit import Fit, Problem, best_starts, columns_of, fit, partway, score_at
+from jaxsim.discover.model.fit import Fit, Problem, best_starts, fit, partway, score_at, score_columns
 from jaxsim.discover.model.likelihood import rounded, rounding_gain
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.parameters import fitted_parameters, to_values
@@ -126,7 +126,7 @@ def rank_effects(
     starts_read = starts_of(problem)
 
     def candidate(effect: Law) -> Candidate:
-        used = columns_of(effect)
+        used = score_columns(effect)
         gain = np.zeros((scenes, 3))
         slope = np.zeros(scenes)
         over_smooth = np.zeros((2, scenes)) if by_beam(effect) else None

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import NOTHING, Problem, columns_of, fit, fit_noise, score_at
+from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, score_at, score_columns
 from jaxsim.discover.model.null import reweighted
 from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.name.select import FittedStep
@@ -39,7 +39,7 @@ def denied_without(step: FittedStep, problem: Problem) -> str:
         rest = replace(problem, ev=leaving_out(problem.ev, semantic == kind))
         with_effect = score_at(effect, rest, z=fitted.z, noise=fitted.noise)
         without = score_at(NOTHING, rest, z={}, noise=problem.noise)
-        if (with_effect - without)[:, columns_of(effect)].sum() >= 0:
+        if (with_effect - without)[:, score_columns(effect)].sum() >= 0:
             continue
         lost = clipped(-gained(step, rest))
         if lost.sum() > RULES.bar_nats and p_value(lost) <= RULES.denied_level:
@@ -66,7 +66,7 @@ def gained(step: FittedStep, rest: Problem) -> Float[np.ndarray, " s"]:
     # Noise that was fitted to all surfaces may be too much or too little for these: it is fitted to them.
     rest = reweighted(rest, rest.ev.all_blocks)
     placed = fit(effect, rest, starts=(host_values(effect, step.fit.z),), fixed=True)
-    return rest.ev.by_scene((placed.score - fit_noise(rest).score)[:, columns_of(effect)].sum(-1))
+    return rest.ev.by_scene((placed.score - fit_noise(rest).score)[:, score_columns(effect)].sum(-1))
 
 
 def leaving_out(ev: Evidence, out: Bool[np.ndarray, "b c r"]) -> Evidence:

@@ -26,11 +26,11 @@ from jaxsim.discover.model.fit import (
     Chain,
     Problem,
     by_reported,
-    columns_of,
     coupled,
     fit,
     in_place,
     score_at,
+    score_columns,
 )
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
@@ -94,7 +94,7 @@ def judged_by_reported(null: NullModel, added: Added) -> dict[str, float]:
     gained = {}
     for fitted in held:
         after = score_at(fitted.effect, before, every.in_fit, z=fitted.fit.z, noise=fitted.fit.noise)
-        by_block = (after - without)[judged][:, columns_of(fitted.effect)].sum(-1)
+        by_block = (after - without)[judged][:, score_columns(fitted.effect)].sum(-1)
         gained[fitted.effect.plain_name] = float(by_block.sum() / len(np.unique(every.scene[judged])))
     return gained
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.answer import UNFOUNDED, Answer
 from jaxsim.discover.name.other_sides import EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read.control import NO_CONTROL, Control
@@ -78,9 +78,9 @@ def lead_of(divides: str, **more) -> Lead:
 
 
 def test_an_answer_with_a_regime_keeps_what_was_found_and_not_said_and_asks_no_channel_that_was_left_out(monkeypatch):
-    choice = Choice((step(candidate("beam_gain", 40.0)),), (), problem())
+    choice = Choice((step(candidate("beam_gain", 40.0)),), (), problem(), refused={"range_noise": UNFOUNDED})
     elsewhere = (("fog_backscatter", EXCHANGED),)
-    given = Answer("named", choice, None, elsewhere=elsewhere, unfounded=("range_noise",))
+    given = Answer("named", choice, None, elsewhere=elsewhere)
     divided, asked = divide(monkeypatch, lead_of("time", step=0, named=True), given, without=("intensity",))
     assert len(divided.regimes) == 1
     assert (divided.answer.elsewhere, divided.answer.unfounded) == (elsewhere, ("range_noise",))
