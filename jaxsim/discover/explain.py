@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.discover.add import parameters_of
+from jaxsim.discover.add import Added, effect_on_rays, parameters_of
 from jaxsim.discover.division import Division
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
@@ -58,6 +58,14 @@ def named(
         gain=Interval.of_scenes(clipped(step.chosen.by_scene), "nats per scene"),
         parameters=parameters,
         does=does or {},
+    )
+
+
+def all_named(null: Problem, steps: Sequence[Step[Any]], added: Added) -> tuple[Named, ...]:
+    """The effects that were named on top of a null, as they were fitted together."""
+    return tuple(
+        named(step, values, does=effect_on_rays(null, fitted))
+        for step, values, fitted in zip(steps, added.parameters, added.refits, strict=True)
     )
 
 

@@ -17,9 +17,9 @@ from itertools import compress
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.add import add_effects, effect_on_rays
+from jaxsim.discover.add import add_effects
 from jaxsim.discover.division import AllScenes, NullModel
-from jaxsim.discover.explain import named
+from jaxsim.discover.explain import all_named
 from jaxsim.discover.name.select import Log, choose
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
@@ -82,10 +82,7 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     gained = judge_gains(AllScenes.of(null), [*compress(added.chain, stands)])
     if np.delete(gained, BRIGHTNESS).sum() <= RULES.confirmed_nats:
         return nothing
-    effects = [
-        named(step, values, does=effect_on_rays(null.problem, fitted))
-        for step, values, fitted in zip(choice.steps, added.parameters, added.refits, strict=True)
-    ]
+    effects = all_named(null.problem, choice.steps, added)
     of_sensor = added.sensor.effects[len(sectors.known.effects) :]
     known = replace(sectors.known, effects=(*sectors.known.effects, *compress(of_sensor, stands)))
     return OfPieces(tuple(compress(effects, stands)), known, count, drives)
