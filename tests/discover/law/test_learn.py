@@ -103,8 +103,8 @@ def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(div
     assert gap.gained.low > 0
     assert gap.after < gap.before
     again = find_dependences(division, added.sensor)
-    before = fit_noise(null, null.ev.all_blocks).loss
-    after = fit_noise(again.null.problem, again.null.problem.ev.all_blocks).loss
+    before = fit_noise(null).loss
+    after = fit_noise(again.null.problem).loss
     assert after < before - 50
     assert not [one for one in again.where if one.covariate == "azimuth" and one.channel == "intensity"]
 

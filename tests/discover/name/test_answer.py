@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -90,7 +89,7 @@ def numbers(monkeypatch):
 def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     curve = candidate("curve", 9, "drop")
     null, both = problem(), problem()
-    one = problem(ev=SimpleNamespace(all_blocks=None))
+    one = problem()
     refitted = []
     monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["drop"], curve)])
     monkeypatch.setattr(
@@ -120,7 +119,7 @@ def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
 def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch):
     """It was read off the readings; beside it the curve is told, and what else bends the intensity is not named."""
     curve = candidate("curve", 9)
-    both, one = (problem(ev=SimpleNamespace(all_blocks=None)) for _ in range(2))
+    both, one = (problem() for _ in range(2))
     monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["intensity"], curve)])
     monkeypatch.setattr(
         answer,
@@ -152,7 +151,7 @@ def showing(*, why: str, all_curves: bool) -> OtherSides:
 
 def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch):
     curve = candidate("curve", 9)
-    whole = problem(ev=SimpleNamespace(all_blocks=None))
+    whole = problem()
     monkeypatch.setattr(answer, "choose", lambda *_, **__: Choice((), (), whole))
     monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["intensity"], curve)])
     monkeypatch.setattr(
@@ -174,7 +173,7 @@ def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch):
 
 @pytest.mark.parametrize(("why", "verdict"), [(CONTROL, "none"), (EXCHANGED, "named")])
 def test_an_effect_that_says_less_than_what_the_simulator_lacks_by_itself_is_part_of_that(monkeypatch, why, verdict):
-    whole = problem(ev=SimpleNamespace(all_blocks=None))
+    whole = problem()
     weak = Choice((step(candidate("beam_gain", 3)),), (), whole)
     curve = (DEPENDENCE["intensity"], candidate("curve", 9))
     monkeypatch.setattr(answer, "choose", lambda *_, **__: weak)

@@ -11,7 +11,7 @@ from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals
-from jaxsim.discover.name import nulls
+from jaxsim.discover.name import null_draws
 from jaxsim.discover.name.null_draws import bootstrap, draw_nulls
 from jaxsim.discover.name.select import Bars
 from jaxsim.discover.rules import RULES
@@ -125,11 +125,11 @@ def nulls_that_gain(monkeypatch):
 
     def given(*rounds):
         rest = iter(rounds)
-        monkeypatch.setattr(nulls, "bootstrap", lambda *_: None)
-        monkeypatch.setattr(nulls, "fit_null", lambda *_, clutter: next(rest))
-        monkeypatch.setattr(nulls, "dependences_of", lambda *_: [])
-        monkeypatch.setattr(nulls, "rank_effects", lambda null, effects: null[0])
-        monkeypatch.setattr(nulls, "free_curves", lambda null, dependences: [(None, curve) for curve in null[1]])
+        monkeypatch.setattr(null_draws, "bootstrap", lambda *_: None)
+        monkeypatch.setattr(null_draws, "fit_null", lambda *_, clutter: next(rest))
+        monkeypatch.setattr(null_draws, "dependences_of", lambda *_: [])
+        monkeypatch.setattr(null_draws, "rank_effects", lambda null, effects: null[0])
+        monkeypatch.setattr(null_draws, "free_curves", lambda null, dependences: [(None, curve) for curve in null[1]])
         bare = bare_problem(scan=None, ev=SimpleNamespace(scene=np.arange(SCENES)), clutter=False)
         return draw_nulls(bare, bare, (), count=len(rounds))
 
