@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -99,16 +99,21 @@ def name_effects(
     a free curve's law leaves effects nothing to say.
     """
 
+    def reasons(step: FittedStep, beside: Problem) -> Iterator[str]:
+        effect = step.chosen.effect
+        yield from (sides.why for other in others if (sides := other()).has(step, null))
+        if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
+            yield SCARCE
+        if effect.name == "range_noise" and not noise_grows():
+            yield UNFOUNDED
+        if alone := denied_without(step, beside):
+            yield f"{DENIED} {alone}"
+        if alone := shown_by(step, beside, apart):
+            yield f"{SHOWN_BY} {alone}"
+
     def refuse(step: FittedStep, beside: Problem) -> str:
-        why = next((sides.why for other in others if (sides := other()).has(step, null)), "")
-        if not why and step.chosen.effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
-            why = SCARCE
-        if not why and step.chosen.effect.name == "range_noise" and not noise_grows():
-            why = UNFOUNDED
-        if not why and (alone := denied_without(step, beside)):
-            why = f"{DENIED} {alone}"
-        if not why and (alone := shown_by(step, beside, apart)):
-            why = f"{SHOWN_BY} {alone}"
+        # The first decides: what is asked later is not asked any more.
+        why = next(reasons(step, beside), "")
         if why:
             log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, not said: {why}")
         return why
