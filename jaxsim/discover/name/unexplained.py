@@ -28,11 +28,12 @@ from jaxsim.discover.covariates import (
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import attainable, fold_half_width
+from jaxsim.discover.scenes import attainable
 from jaxsim.discover.verdict import Unexplained
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.learned import OFFSET, TURNING
 from jaxsim.effects.rays import TURN
+from jaxsim.metrics.intervals import jackknife_half_width
 
 X_WORDS = {
     "range": "ln of range in m",
@@ -97,7 +98,7 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
     x, grid, basis, heights = at_knots(problem, dependence, candidate)
     # The height at a knot is the mean over fits that left a fold out each; their scatter gives the band.
     curves = heights @ basis.T
-    y, band = curves.mean(0), fold_half_width(curves)
+    y, band = curves.mean(0), jackknife_half_width(curves)
     # A knot counts for the rays about it; the 1 keeps knots without any from being free.
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
     # A few rays far off do not make a bend of the others a wave.

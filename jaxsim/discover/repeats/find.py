@@ -251,7 +251,8 @@ def common_size(maps: Maps, scale: PatternScale, channel: str) -> Interval:
 
 def _interval(value: float, without: Float[np.ndarray, " n"], channel: str) -> Interval:
     """The interval by what the value becomes `without` each of the scenes, widened as parameters' intervals are."""
-    return Interval.about(float(value), RULES.interval_widening * jackknife_half_width(without), HEIGHT_UNITS[channel])
+    half = RULES.interval_widening * float(jackknife_half_width(without))
+    return Interval.about(float(value), half, HEIGHT_UNITS[channel])
 
 
 def pattern_formula(channel: str, scale: PatternScale, k: int, *, size: Interval, phase: complex) -> str:

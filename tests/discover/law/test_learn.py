@@ -17,11 +17,11 @@ from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.unexplained import describe_curve, free_curves
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.scenes import fold_half_width, jackknife_sd
+from jaxsim.discover.scenes import jackknife_sd
 from jaxsim.discover.show import gap_with, law_gains
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
-from jaxsim.metrics.intervals import student_reach
+from jaxsim.metrics.intervals import jackknife_half_width, student_reach
 from tests.discover.toy import toy
 
 pytestmark = pytest.mark.long
@@ -142,7 +142,7 @@ def test_the_jackknife_knows_the_scatter_of_a_mean():
     each = np.random.default_rng(0).normal(0, 1, (12, 200))
     without = (each.sum(0) - each) / 11
     np.testing.assert_allclose(jackknife_sd(without), each.std(0, ddof=1) / np.sqrt(12))
-    np.testing.assert_allclose(jackknife_sd(without) * student_reach(12), fold_half_width(without))
+    np.testing.assert_allclose(jackknife_sd(without) * student_reach(12), jackknife_half_width(without))
 
 
 def test_a_drop_law_begins_where_its_curve_ended(null):
