@@ -22,6 +22,20 @@ PIECES = "saturation", "near_range_overlap"
 DEPENDENCE = {name: Dependence(name, "range", 0.01, 0.1, 50.0) for name in CHANNEL}
 
 
+@pytest.fixture
+def curve_of(monkeypatch):
+    """Lets the fits find one free curve, and nothing else: problems of these tests hold no rays that would tell."""
+
+    def given(channel: str, curve):
+        monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE[channel], curve)])
+
+    told = Unexplained("", "range", "other", "")
+    monkeypatch.setattr(answer, "curve_numbers", lambda *_: NUMBERS)
+    monkeypatch.setattr(answer, "describe_curve", lambda problem, along, _: replace(told, channel=along.channel))
+    monkeypatch.setattr(answer, "dependences_of", lambda *_: [])
+    return given
+
+
 @pytest.mark.parametrize(
     ("named", "curve", "outside"),
     [
@@ -54,11 +68,8 @@ def test_a_curve_outdoes_only_what_it_explains_clearly_better(named, curve, outs
         ([candidate("gamma_response", 18), *map(candidate, PIECES, (1, 1))], True, True),
     ],
 )
-def test_three_effects_that_one_curve_leaves_nothing_to_say_are_its_pieces(named, leaves, whole, monkeypatch):
-    curve = candidate("curve", 8)
-    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["intensity"], curve)])
-    monkeypatch.setattr(answer, "describe_curve", lambda *_: Unexplained("intensity", "range", "other", ""))
-    monkeypatch.setattr(answer, "dependences_of", lambda *_: [])
+def test_three_effects_that_one_curve_leaves_nothing_to_say_are_its_pieces(named, leaves, whole, monkeypatch, curve_of):
+    curve_of("intensity", candidate("curve", 8))
     monkeypatch.setattr(answer, "named_answer", lambda choice, **_: answer.Answer("named", choice, None))
     monkeypatch.setattr(answer, "with_steps", lambda null, steps: problem())
     said = answer.decide(
@@ -80,24 +91,11 @@ def test_an_effect_of_several_channels_stays_where_a_curve_explains_the_least_of
     assert answer.stands(step(replace(moved, gain=gain)), "range") is not stays
 
 
-@pytest.fixture(autouse=True)
-def numbers(monkeypatch):
-    """Problems of these tests hold no rays that would tell."""
-    monkeypatch.setattr(answer, "curve_numbers", lambda problem, dependence: NUMBERS)
-
-
-def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
-    curve = candidate("curve", 9, "drop")
+def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch, curve_of):
+    curve_of("drop", candidate("curve", 9, "drop"))
     null, both = problem(), problem()
     one = problem()
     refitted = []
-    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["drop"], curve)])
-    monkeypatch.setattr(
-        answer,
-        "describe_curve",
-        lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
-    )
-    monkeypatch.setattr(answer, "dependences_of", lambda *_: [])
     monkeypatch.setattr(answer, "with_steps", lambda null, steps: refitted.append(len(steps)) or one)
     gain = step(candidate("beam_gain", 8))
     lost = step(candidate("random_dropout", 2, "drop"))
@@ -116,17 +114,10 @@ def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     assert said.choice.problem is null
 
 
-def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch):
+def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch, curve_of):
     """It was read off the readings; beside it the curve is told, and what else bends the intensity is not named."""
-    curve = candidate("curve", 9)
-    both, one = (problem() for _ in range(2))
-    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["intensity"], curve)])
-    monkeypatch.setattr(
-        answer,
-        "describe_curve",
-        lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
-    )
-    monkeypatch.setattr(answer, "dependences_of", lambda *_: [])
+    curve_of("intensity", candidate("curve", 9))
+    both, one = problem(), problem()
     monkeypatch.setattr(answer, "with_steps", lambda null, steps: one)
     lattice, weak = step(candidate("intensity_quantization", 4000)), step(candidate("beam_gain", 3))
     for steps, remains in (((lattice,), both), ((lattice, weak), one)):
@@ -149,16 +140,10 @@ def showing(*, why: str, all_curves: bool) -> OtherSides:
     return sides
 
 
-def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch):
-    curve = candidate("curve", 9)
+def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch, curve_of):
+    curve_of("intensity", candidate("curve", 9))
     whole = problem()
     monkeypatch.setattr(answer, "choose", lambda *_, **__: Choice((), (), whole))
-    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [(DEPENDENCE["intensity"], curve)])
-    monkeypatch.setattr(
-        answer,
-        "describe_curve",
-        lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", ""),
-    )
     others = [partial(showing, why=EXCHANGED, all_curves=False), partial(showing, why=CONTROL, all_curves=True)]
     said = answer.name_effects(whole, [], [], others=others)
     assert said.verdict == "none"
@@ -172,13 +157,13 @@ def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch):
 
 
 @pytest.mark.parametrize(("why", "verdict"), [(CONTROL, "none"), (EXCHANGED, "named")])
-def test_an_effect_that_says_less_than_what_the_simulator_lacks_by_itself_is_part_of_that(monkeypatch, why, verdict):
+def test_an_effect_that_says_less_than_what_the_simulator_lacks_by_itself_is_part_of_that(
+    monkeypatch, curve_of, why, verdict
+):
     whole = problem()
     weak = Choice((step(candidate("beam_gain", 3)),), (), whole)
-    curve = (DEPENDENCE["intensity"], candidate("curve", 9))
+    curve_of("intensity", candidate("curve", 9))
     monkeypatch.setattr(answer, "choose", lambda *_, **__: weak)
-    monkeypatch.setattr(answer, "free_curves", lambda *_, **__: [curve])
-    monkeypatch.setattr(answer, "describe_curve", lambda *_: Unexplained("intensity", "range", "other", ""))
     monkeypatch.setattr(answer, "named_answer", lambda choice, **_: answer.Answer("named", choice, None))
     others = [partial(showing, why=why, all_curves=True)]
     said = answer.name_effects(whole, [], [], others=others)
