@@ -12,9 +12,8 @@ from jaxsim.discover.division import Division
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import shared_levels
-from jaxsim.discover.name.answer import SCARCE, Answer
+from jaxsim.discover.name.answer import SHOWN_ELSEWHERE, Answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
@@ -24,13 +23,6 @@ from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
 from jaxsim.progress import counted
-
-ELSEWHERE = {
-    EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
-    CONTROL: "what the simulator lacks by itself, and nothing new",
-    SCARCE: "what a beam of some width does on thin things, which a simulator that casts single rays misses",
-}
-"""What it means that something was found which is not said, by why."""
 
 
 def named(
@@ -197,7 +189,7 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             "which no law of the sensor explains (`contrast`); they are left free, and effects on intensities count by "
             "what they explain along ranges, angles and rows and between classes"
         )
-    for why, meaning in ELSEWHERE.items():
+    for why, meaning in SHOWN_ELSEWHERE.items():
         if found := [name for name, of in answer.elsewhere if of == why]:
             lines.append(f"found, and not said: {', '.join(found)}. {why[0].upper()}{why[1:]}: so it is {meaning}")
     if answer.unfounded:

@@ -36,7 +36,12 @@ SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before wha
 DENIED = "all other surfaces speak against it, without those of"
 """Followed by a class's name, and the next by one or more."""
 SHOWN_BY = "none but these surfaces show it, of which one side alone has some:"
-SHOWN_ELSEWHERE = (EXCHANGED, CONTROL, SCARCE)
+SHOWN_ELSEWHERE = {
+    EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
+    CONTROL: "what the simulator lacks by itself, and nothing new",
+    SCARCE: "what a beam of some width does on thin things, which a simulator that casts single rays misses",
+}
+"""What it means that something was found which is not said, by why."""
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 
 
