@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, seeing, with_planes
+from jaxsim.discover.model.cast import UNKNOWN_BETWEEN, Blocks, Cast, blocks, cast, seeing, with_planes
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
 from jaxsim.discover.model.fit import Chain, Problem, in_place
 from jaxsim.discover.model.noise import Noise
@@ -39,9 +39,6 @@ from jaxsim.effects.rays import Scan
 
 NOTHING_YET = SensorModel()
 """A sensor model without effects."""
-UNKNOWN_BETWEEN = 0.03
-"""Share of readings between two surfaces, of the rays beside a step of frames that were cast again: a surface goes on
-between the directions in which it was rendered, and how is in no frame."""
 
 
 def seeing_hidden(chosen: Blocks, parts: Split, *, scan: Scan, measured: Measured) -> Blocks:

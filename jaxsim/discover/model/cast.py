@@ -36,6 +36,9 @@ STREET_SD = 0.1
 """Standard deviation of all that is of one class in one street about the class in all streets, nats."""
 FIRM = 1e12
 """1 / variance of what has no reflectance of its own."""
+UNKNOWN_BETWEEN = 0.03
+"""Share of readings between two surfaces, of the rays beside a step of frames that were cast again: a surface goes on
+between the directions in which it was rendered, and how is in no frame."""
 PATCH_M = 6.0
 """Ground and walls are alike over about so much."""
 STEEPEST_COSINE = 0.1
