@@ -248,7 +248,7 @@ def score_at(
 
 
 def partway(
-    effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"], *, fit: Fit, share: float
+    effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"] | None = None, *, fit: Fit, share: float
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at `share` of the way from `problem`'s null to a fit.
 

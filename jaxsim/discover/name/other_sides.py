@@ -75,8 +75,7 @@ class OtherSides:
         """Whether a law with the values that a candidate was fitted to `there` is found here as well; both problems are
         those of nulls, whose rays may carry a basis."""
         # The values stay as they are: only the noise is fitted to these sides.
-        in_fit = here.ev.all_blocks
-        placed = fit(law, here, in_fit, starts=(values,), fixed=True)
+        placed = fit(law, here, starts=(values,), fixed=True)
         used = [CHANNELS.index(name) for name in channels_of(law) if name in self.channels]
 
         def by_scene(score: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " s"]:
@@ -90,7 +89,7 @@ class OtherSides:
         if self.why != CONTROL or of.sudden or law.name in FINEST:
             return False
         begun = replace(here, noise=self.fit.noise)
-        slope = by_scene(partway(law, begun, in_fit, fit=placed, share=RULES.direction_share))
+        slope = by_scene(partway(law, begun, fit=placed, share=RULES.direction_share))
         return not clearly_more(of.slope / rays_by_scene(there), slope / rays_by_scene(here))
 
     def has(self, step: FittedStep, there: Problem) -> bool:
