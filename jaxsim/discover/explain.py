@@ -192,6 +192,12 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
     for why, meaning in SHOWN_ELSEWHERE.items():
         if found := [name for name, of in answer.elsewhere if of == why]:
             lines.append(f"found, and not said: {', '.join(found)}. {why[0].upper()}{why[1:]}: so it is {meaning}")
+    if answer.negligible:
+        lines.append(
+            f"found, and not said: {', '.join(answer.negligible)}. Each is less than {RULES.negligible:.0%} of what is "
+            "clearly visible of it: so many rays show what is too small to matter, and as much comes of rounding, "
+            "smoothing or a surface's model"
+        )
     if answer.unfounded:
         lines.append(
             f"found, and not said: {', '.join(answer.unfounded)}. Weak echoes lie farther from the prediction, but the "

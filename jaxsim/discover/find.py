@@ -125,6 +125,8 @@ def localise(
         # Both would explain the same, and each would hide the other.
         if "time" in designs and _one_clock(rays, counts):
             del designs["time"]
+        if "heading" in designs and np.ptp(np.asarray(rays.heading_rad)) == 0:
+            del designs["heading"]  # the azimuth, from another zero
         model = Additive(z[counts].astype(np.float64), designs, index, scenes=scenes)
         squares = (model.z**2).sum()
         taken: list[str] = []

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsim.discover.explain import named, notes, why_not
 from jaxsim.discover.model.noise_levels import Levels
-from jaxsim.discover.name.answer import DENIED, Answer
+from jaxsim.discover.name.answer import DENIED, NEGLIGIBLE, Answer
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read.control import NO_CONTROL, Control
@@ -83,6 +83,11 @@ def test_what_one_class_alone_shows_is_told_to_be_of_its_surfaces():
     [note] = told(refused={"range_noise": f"{DENIED} terrain"})
     assert note.startswith("found, and not said: range_noise. All other surfaces speak against it, without those of")
     assert "terrain. It is taken for something of these surfaces" in note
+
+
+def test_what_is_too_small_to_matter_is_told():
+    [note] = told(refused={"range_scale": NEGLIGIBLE})
+    assert note.startswith("found, and not said: range_scale. Each is less than 10% of what is clearly visible of it")
 
 
 def test_a_contrast_that_is_left_free_is_told():

@@ -42,6 +42,7 @@ SHOWN_ELSEWHERE = {
     SCARCE: "what a beam of some width does on thin things, which a simulator that casts single rays misses",
 }
 """What it means that something was found which is not said, by why."""
+NEGLIGIBLE = f"less than {RULES.negligible:.0%} of what is clearly visible"
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 
 
@@ -72,6 +73,11 @@ class Answer:
         return tuple(name for name, why in self.choice.refused.items() if why == UNFOUNDED)
 
     @property
+    def negligible(self) -> tuple[str, ...]:
+        """The effects that were found, and are not said because they are too small to matter."""
+        return tuple(name for name, why in self.choice.refused.items() if why == NEGLIGIBLE)
+
+    @property
     def denied(self) -> tuple[tuple[str, str], ...]:
         """The effects that were found, and are not said because one class alone shows them, and why."""
         return tuple((name, why) for name, why in self.choice.refused.items() if why.startswith((DENIED, SHOWN_BY)))
@@ -98,7 +104,8 @@ def name_effects(
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`,
     and none of `unasked`.
     What `others` show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
-    control's frames. They are asked where anything is found. Noise that grows as echoes weaken is said where that of
+    control's frames. They are asked where anything is found. So is what is too small to matter: frames enough show
+    a five-thousandth of the range. Noise that grows as echoes weaken is said where that of
     neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces. What one class
     alone shows is not said (`denied_without`; `shown_by`, of classes that are `apart`). `leaves_nothing` tells whether
     a free curve's law leaves effects nothing to say.
@@ -109,6 +116,8 @@ def name_effects(
         yield from (sides.why for other in others if (sides := other()).has(step, null))
         if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
             yield SCARCE
+        if effect.name not in FINEST and step.chosen.size < RULES.negligible:
+            yield NEGLIGIBLE
         if effect.name == "range_noise" and not noise_grows():
             yield UNFOUNDED
         if alone := denied_without(step, beside):

@@ -102,6 +102,12 @@ class Candidate:
         return tuple(to_values(self.effect, of_fold.z) for of_fold in self.fits)
 
     @property
+    def size(self) -> float:
+        """How large it is at the most: the largest of its numbers, of all folds, from where it does nothing, in what
+        is clearly visible (`Parameter.scale`)."""
+        return max((float(np.abs(value).max()) for of_fold in self.fits for value in of_fold.z.values()), default=0.0)
+
+    @property
     def numbers(self) -> int:
         """How many numbers its fit chose."""
         return sum(np.size(value) for value in self.fits[0].z.values())

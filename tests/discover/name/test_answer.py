@@ -200,3 +200,16 @@ def test_false_returns_are_said_where_they_are_more_than_thin_things_make(share,
     told = answer.name_effects(null.problem, [EFFECTS["interference"]], ())
     assert [step.chosen.effect.name for step in told.choice.steps] == ["interference"] * said
     assert told.elsewhere == (() if said else (("interference", answer.SCARCE),))
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("standard_promotion")
+@pytest.mark.parametrize(("scale", "said"), [(0.00015, False), (0.002, True)])
+def test_what_is_too_small_to_matter_is_not_said(scale, said):
+    """Cast and disturbed in plain NumPy: ranges are wrong by a seven-thousandth, or by what is clearly visible."""
+    of = noisy_street.comparison({}, {"range_m": 0.01}, 12)
+    off = replace(of.measured, range_m=(of.measured.range_m * (1 + scale)).astype(np.float32))
+    null = NullModel.of(Division.of(replace(of, measured=off)))
+    told = answer.name_effects(null.problem, [EFFECTS["range_scale"]], ())
+    assert [step.chosen.effect.name for step in told.choice.steps] == ["range_scale"] * said
+    assert told.negligible == (() if said else ("range_scale",))
