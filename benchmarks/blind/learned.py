@@ -76,7 +76,7 @@ def run(job: Job, folder: Path) -> Row:
     shutil.rmtree(folder)
     found = find_dependences(Division.of(comparison))
     null = found.null.problem
-    answer = decide(null, Choice((), (), null), found.single, scene=found.null.scene)
+    answer = decide(null, Choice((), (), null), found.single)
     form = curve_form(null, *answer.curve, crossed=found.crossed) if answer.curve else None
     added = add_effects(null, (), known=NOTHING_YET, form=form)
     noise = refitted(in_place(null, added.chain)).noise

@@ -77,7 +77,7 @@ def as_written(comparison: Comparison) -> Problem:
     scan = with_planes(given)
     chosen = {"frame": division.blocks.frame[keep], "column": division.blocks.column[keep], "scene": scene}
     ev = gather(scan, measured, **chosen, given_rad=given.incidence_rad)
-    return fit_null(scan, ev, np.ones(len(scene), np.float32))[0]
+    return fit_null(scan, ev)
 
 
 def detail(ev: Evidence) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:

@@ -165,14 +165,14 @@ def _problem(compared: Comparison) -> tuple[Problem, np.ndarray, np.ndarray]:
     chosen = blocks(compared.scenes, *compared.scan.range_m.shape[1:])
     scene = np.unique(chosen.scene, return_inverse=True)[1]
     ev = gather(scan, measured, frame=chosen.frame, column=chosen.column, scene=scene, given_rad=given.incidence_rad)
-    return fit_null(scan, ev, np.ones(len(scene), np.float32))[0], chosen.frame, scene
+    return fit_null(scan, ev), chosen.frame, scene
 
 
 def row_share(compared: Comparison) -> float:
     """Share of the variance of ln I's residuals (standardised, clipped) that the mean of a row, taken from other
     sectors, explains."""
     problem, _, scene = _problem(compared)
-    _, z, counts = residuals(problem, np.ones(len(scene), np.float32))["intensity"]
+    _, z, counts = residuals(problem, problem.ev.all_blocks)["intensity"]
     row = np.broadcast_to(np.asarray(problem.ev.rays.row), counts.shape)
     rows = int(row.max()) + 1
     left, whole = 0.0, 0.0

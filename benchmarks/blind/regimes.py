@@ -145,9 +145,8 @@ def oracle(comparison: Comparison, effect: Effect, part: Mapping[str, Any], true
     frames = np.isin(comparison.scenes, sorted(names))
     sector = tuple(part["azimuth"]) if part["azimuth"] else None
     law = within(effect, Region(azimuth_rad=sector, scenes=tuple(sorted(names))), frames)
-    everyone = np.ones(len(null.ev.scene), np.float32)
     start = {name: value for name, value in true.items() if name in effect.parameters and None not in np.ravel(value)}
-    return values_of(effect, to_values(law, fit(law, null, everyone, starts=({}, start), steps=80).z))
+    return values_of(effect, to_values(law, fit(law, null, starts=({}, start), steps=80).z))
 
 
 def cells(part: Mapping[str, Any], grid: Mapping[str, Any]) -> np.ndarray:

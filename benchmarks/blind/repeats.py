@@ -114,8 +114,8 @@ def examined(comparison: Comparison, truth: Pattern) -> Row:
     agreements = [one for look in looks.values() for one in look.agreement]
     by_chance = np.max([one.by_chance for one in agreements], axis=0)
     p = min(float(np.mean(by_chance >= one.strength.max() - 1e-9)) for one in agreements)
-    every = find_repeats(maps, dense.finding, bins=RULES.repeats_bins, least=NO_FLOOR)
-    told = find_repeats(maps, dense.finding, bins=RULES.repeats_bins) if every else ()
+    every = find_repeats(maps, dense.finding, least=NO_FLOOR)
+    told = find_repeats(maps, dense.finding) if every else ()
     row: Row = {"p": p, "repeats": [_plain(one.repeat) for one in every], "answered": bool(told)}
     if truth.any() and told:
         learned = dense.learn(told, [], null.problem.noise)

@@ -16,6 +16,7 @@ from jaxsim.config.ranges import (
     NotNegative,
     OfFrame,
     Positive,
+    Weights,
     Whole,
     settings_of,
 )
@@ -121,11 +122,11 @@ class PrepareConfig(Checked):
     depth: Literal["given", "ip_basic", "ip_basic_fast", "penet"] = "given"
     """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
     is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps. `penet` is learned and also sees the image."""
-    depth_weights: Path | None = None
+    depth_weights: Weights[Path | None] = None
     """Of `penet`: the file that `jaxsim convert penet` or a training wrote."""
     denoise: Literal["none", "non_local_means", "lidia"] = "none"
     """Denoiser of the target intensity: OpenCV's non-local means, or the network of the paper, LIDIA."""
-    denoise_weights: Path | None = None
+    denoise_weights: Weights[Path | None] = None
     """Of `lidia`: the file that `jaxsim convert lidia` wrote."""
     denoise_statistics: Literal["stored", "image"] = "image"
     """What the batch norms of `lidia` divide by: each image's own statistics, as the published scripts do, or those of
@@ -139,6 +140,11 @@ class PrepareConfig(Checked):
     column. Of the changes to both neighbours the smaller counts, and none where they differ in sign, as at a pole."""
     max_range_m: NotNegative = 120.0
     """Depth and range channels are scaled by this."""
+
+    @property
+    def bare(self) -> PrepareConfig:
+        """The settings that decide what a pair holds: which channels of it a network sees, and how, left out."""
+        return replace(self, inputs=(), classes=(), network_size=(0, 0), max_range_m=0.0)
 
 
 @dataclass(frozen=True)

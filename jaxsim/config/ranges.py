@@ -27,7 +27,7 @@ NotNegative = Annotated[float, Ge(0)]
 Share = Annotated[float, Ge(0), Le(1)]
 
 # Roles. A setting without one decides what is learned.
-Role = Literal["kept", "used", "lasts", "file", "drawn", "chosen", "frame"]
+Role = Literal["kept", "used", "lasts", "file", "drawn", "chosen", "frame", "weights"]
 T = TypeVar("T")
 Kept = Annotated[T, "kept"]  # where results are kept, and how often
 Used = Annotated[T, "used"]  # how what was learned is used
@@ -36,6 +36,7 @@ File = Annotated[T, "file"]  # where that lies which is learned from
 Drawn = Annotated[T, "drawn"]  # what chance decides in training
 Chosen = Annotated[T, "chosen"]  # which of a data set's frames are used
 OfFrame = Annotated[T, "frame"]  # what the frame at a position holds, besides its files
+Weights = Annotated[T, "weights"]  # a file of weights: what it holds counts, wherever it lies
 
 MOST_SETTING = 1e12
 """No setting is larger, whatever it is of: a seed, a rate, a number of steps."""

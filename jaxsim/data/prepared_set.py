@@ -17,6 +17,7 @@ from typing import Any
 from array_record.python.array_record_data_source import ArrayRecordDataSource
 
 from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.config.ranges import settings_of
 from jaxsim.data.kitti_files import listing
 from jaxsim.data.records import (
     ARRAYS,
@@ -196,7 +197,7 @@ class PreparedSet:
         plain = pair_settings(DataConfig(), PrepareConfig())["prepare"]  # settings that came later were so
         stored, wanted = plain | self.about.settings["prepare"], pair_settings(DataConfig(), prepare)["prepare"]
         free = {"inputs": None}  # labels: below
-        for name in ("denoise_weights", "depth_weights"):
+        for name in settings_of(PrepareConfig, "weights"):
             if getattr(prepare, name) is None:  # the network has done its work, with those that the set names
                 free[name] = None
         other = [f"--{text}" for text in differences(stored | free, wanted | free, "prepare")]

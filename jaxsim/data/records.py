@@ -18,6 +18,7 @@ from jaxtyping import Bool
 from pydantic import TypeAdapter
 
 from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.config.ranges import settings_of
 from jaxsim.files import sha256_of
 from jaxsim.frame import Camera, CameraFrame, Painted, Pair, PolarGrid, PolarImage
 
@@ -208,19 +209,19 @@ class PreparedPairs(Sequence):  # of Pair: unnamed, else checks of types would r
 
 
 def pair_settings(data: DataConfig, prepare: PrepareConfig) -> dict[str, Any]:
-    """`data` and `prepare` as plain values, without what changes no pair: which frames are used, where pairs are
-    kept, which channels the network sees and at what size. But a frame without labels is an error where labels are
-    asked for, so `prepare.inputs` still says whether they were. A file of weights is named by its contents.
+    """`data` and `prepare` as plain values, without what changes no pair (`bare`). But a frame without labels is an
+    error where labels are asked for, so `prepare.inputs` still says whether they were. A file of weights is named by
+    its contents.
 
     Raises FileNotFoundError where it is missing.
     """
     labels = ("semantic",) if LABELS & {*prepare.inputs} else ()
-    paired = replace(prepare, inputs=labels, network_size=(0, 0), classes=(), max_range_m=0.0)
+    paired = replace(prepare.bare, inputs=labels)
     values = {
         "data": TypeAdapter(DataConfig).dump_python(data.bare, mode="json"),
         "prepare": TypeAdapter(PrepareConfig).dump_python(paired, mode="json"),
     }
-    for name in ("denoise_weights", "depth_weights"):
+    for name in settings_of(PrepareConfig, "weights"):
         if (path := getattr(prepare, name)) is not None:
             values["prepare"][name] = contents_of(path)
     return values

@@ -15,7 +15,7 @@ from jaxsim.discover.model.fit import ANSWER_STEPS, NOISE_SD, Chain, Fit, Object
 from jaxsim.discover.model.likelihood import step_known_to
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import Refit, as_implied, refit
-from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
+from jaxsim.discover.model.parameters import fitted_parameters, host_values, ravel, restorer, to_values, to_z
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.name.starts import sector_between
 from jaxsim.discover.rules import RULES
@@ -85,7 +85,7 @@ def add_effects(
     )
 
 
-def changes(null: Problem, fitted: Refit) -> dict[str, Interval]:
+def effect_on_rays(null: Problem, fitted: Refit) -> dict[str, Interval]:
     """What a named effect alone changes on the rays that are compared, by channel: the mean, and the 5th and 95th
     percentile. Nuisances take up much of it in the gap; of an effect that scatters, rounds or adds returns, nothing."""
     before = null.ev.rays
@@ -121,7 +121,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
     """Variance of every z, in the raveled order: the larger of the curvature's and the sandwich's of White (1982),
     whose filling is the scatter of the scenes' slopes."""
     scene = np.asarray(problem.ev.scene)
-    objective = Objective(effect, problem, problem.ev.all_blocks)
+    objective = Objective(effect, problem)
     x = ravel((result.z, result.noise))
     hessian = np.diag(1 / objective.sd**2)
     # Two gradients at both sides of the fit, column by column: the likelihood has no second derivative at hand.
@@ -154,7 +154,7 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
     if effect.name in FINEST:
         [(name, value)] = to_values(effect, result.z).items()
         half = step_known_to(problem.ev, effect.name, float(value))
-        return {name: Interval(float(value), float(value) - half, float(value) + half, effect.parameters[name].unit)}
+        return {name: Interval.about(float(value), half, effect.parameters[name].unit)}
     sd = np.sqrt(covariance(effect, problem, result))
     reach = RULES.interval_widening * float(student_reach(len(np.unique(np.asarray(problem.ev.scene)))))
     of_z = restorer(result.z)(sd)
@@ -188,6 +188,5 @@ def interval_of(value: _Numbers, low: _Numbers, high: _Numbers, *, unit: str) ->
 
 def fit_to_implied(effect: Law, problem: Problem, result: Fit) -> Fit:
     """The effect fitted again, to rays as bright as the measured intensities say that their surfaces are."""
-    start = {name: np.asarray(value) for name, value in to_values(effect, result.z).items()}
     implied = replace(problem, ev=as_implied(problem.ev, problem.noise, problem.equations))
-    return fit(effect, implied, problem.ev.all_blocks, starts=(start,), steps=ANSWER_STEPS)
+    return fit(effect, implied, starts=(host_values(effect, result.z),), steps=ANSWER_STEPS)

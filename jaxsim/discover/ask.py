@@ -53,12 +53,12 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     """Which effects of the catalogue are missing; then free curves for what is not in it. The bar is set on so many
     `nulls` drawn from these data, where any are asked for."""
     null = placed.found.null.problem
-    note = unrelated(correlations(null.ev, placed.found.null.scene))
+    note = unrelated(correlations(null.ev))
     candidates = [effect for effect in placed.catalogue if not note or of_ranges(effect)]
     catalogue = with_look_alikes(candidates, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
     control = placed.division.control
-    beside = cache(partial(sides_of, control, *control.folders)) if control.folders else None
+    beside = cache(partial(sides_of_control, control, *control.folders)) if control.folders else None
     without = ("intensity",) if note else ()
     asked = partial(answer_of, catalogue=catalogue, nulls=nulls, without=without, control_sides=beside, log=log)
     answer, others = asked(placed)
@@ -70,7 +70,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     return Asked(placed, tuple(catalogue), answer, others, contrast, note, without)
 
 
-def sides_of(control: Control, simulated: Path, measured: Path) -> OtherSides:
+def sides_of_control(control: Control, simulated: Path, measured: Path) -> OtherSides:
     """The control's frames, to which what is about to be said of others is held.
 
     Raises ValueError where they are none any more."""
@@ -100,7 +100,6 @@ def answer_of(
         null,
         catalogue,
         found.single,
-        scene=found.null.scene,
         nulls=nulls,
         without=without,
         unasked=HIDDEN_BY_CONTRAST if simulator.free_contrast else HIDDEN_BY_NOISE if simulator.intensities else (),

@@ -9,11 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.devices import side_by_side
-from jaxsim.discover.add import changes
 from jaxsim.discover.ask import Asked
 from jaxsim.discover.complete import Completed
 from jaxsim.discover.contrast import contrast_of_answer
-from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, ranking, why_not
+from jaxsim.discover.explain import all_named, notes, nuisance_changes, own_candidates, ranking, why_not
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, made_by, missing
 from jaxsim.discover.model.fit import in_place
@@ -78,10 +77,7 @@ def verdict_of(
     control, learned_before = placed.division.control, len(placed.mounting.known.learned)
     return Verdict(
         verdict=answer.verdict,
-        effects=tuple(
-            named(step, values, does=changes(null, fitted))
-            for step, values, fitted in zip(choice.steps, added.parameters, added.refits, strict=True)
-        ),
+        effects=all_named(null, choice.steps, added),
         frames=len(placed.comparison.names),
         where=placed.found.where,
         unexplained=answer.unexplained,

@@ -20,8 +20,9 @@ from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped, fold_half_width
+from jaxsim.discover.scenes import clipped
 from jaxsim.discover.verdict import Contrast, Interval
+from jaxsim.metrics.intervals import jackknife_half_width
 
 SLOPES = CURVES["intensity"]
 """The law by which contrast is asked: heights are differences of slopes."""
@@ -51,7 +52,7 @@ def contrast_of_answer(found: Candidate, problem: Problem) -> Contrast:
 
     whole = slopes(problem.ev.all_blocks)
     without = np.stack([slopes((scene != left_out).astype(np.float32)) for left_out in np.unique(scene)])
-    half = fold_half_width(without)
+    half = jackknife_half_width(without)
     of_scale = [Interval(float(v), float(v - h), float(v + h), "") for v, h in zip(whole, half, strict=True)]
     return Contrast(
         slopes=dict(zip(SCALES, of_scale, strict=True)),

@@ -164,6 +164,12 @@ def with_columns(problem: Problem, columns: Float[np.ndarray, "n k"]) -> Problem
     return replace(problem, basis=jax.device_put(basis))
 
 
+def products(first: Float[np.ndarray, "n j"], second: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n jk"]:
+    """Products of every column of one basis with every column of another: a curve along one for each part of the
+    other."""
+    return (first[:, :, None] * second[:, None, :]).reshape(len(first), -1)
+
+
 def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
     """The `curve_basis` of a covariate with BASIS_COLUMNS columns: filled up with zeros where it has fewer;
     neighbouring rows share one where there are more."""

@@ -15,14 +15,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, seeing, with_planes
+from jaxsim.discover.model.cast import UNKNOWN_BETWEEN, Blocks, Cast, blocks, cast, seeing, with_planes
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
-from jaxsim.discover.model.fit import Chain, Problem
+from jaxsim.discover.model.fit import Chain, Problem, in_place
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.noise_levels import Levels, on_lattices
-from jaxsim.discover.model.null import fit_null, on_evidence
+from jaxsim.discover.model.noise_levels import on_lattices
+from jaxsim.discover.model.null import fit_null, reweighted
 from jaxsim.discover.model.simulator import Meant, meant
-from jaxsim.discover.other_surfaces import in_words, same_surfaces, seen_by_both, shares_of_classes, surfaces_apart
+from jaxsim.discover.other_surfaces import (
+    apart_in_words,
+    same_surfaces,
+    seen_by_both,
+    shares_of_classes,
+    surfaces_apart,
+)
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.rules import RULES
@@ -33,9 +39,6 @@ from jaxsim.effects.rays import Scan
 
 NOTHING_YET = SensorModel()
 """A sensor model without effects."""
-UNKNOWN_BETWEEN = 0.03
-"""Share of readings between two surfaces, of the rays beside a step of frames that were cast again: a surface goes on
-between the directions in which it was rendered, and how is in no frame."""
 
 
 def seeing_hidden(chosen: Blocks, parts: Split, *, scan: Scan, measured: Measured) -> Blocks:
@@ -81,23 +84,26 @@ class Division:
         *,
         chosen: Blocks | None = None,
         parts: Split | None = None,
-        noises: tuple[Levels, Levels] | None = None,
+        like: Division | None = None,
     ) -> Division:
-        """A comparison divided, or with blocks that were `chosen`, `parts` that are known, and `noises` that
-        other frames of the two sides have told.
+        """A comparison divided, or with blocks that were `chosen` and `parts` that are known. Of further frames of two
+        sides holds what frames before have told, whose division they are `like`: its parts, the noise of both sides,
+        whether contrast is free, and whether surfaces that one side alone has are left out.
 
         Raises ValueError where the scenes are too few, or the sectors of few drives too narrow."""
+        parts = like.parts if like else parts
         measured = jax.tree.map(jnp.asarray, comparison.measured)
         simulator = meant(
             jax.tree.map(jnp.asarray, comparison.scan),
             range_m=measured.range_m,
             intensity=measured.intensity,
             valid=measured.valid,
-            noises=noises,
+            noises=(like.simulator.noise, like.simulator.measured_noise) if like else None,
         )
         if comparison.lattices is not None:
             simulator = replace(simulator, noise=on_lattices(simulator.noise, comparison.lattices))
-        if comparison.control.contrast_off and simulator.intensities is None:
+        free_contrast = like.simulator.free_contrast if like else comparison.control.contrast_off
+        if free_contrast and simulator.intensities is None:
             # Noise on intensities has left it free already.
             simulator = replace(simulator, free_contrast=True)
         # Not before: a ray that counts on neither side would look like one that the simulator lost.
@@ -110,9 +116,12 @@ class Division:
             both = seen_by_both(*both, same=comparison.told)
         if comparison.other_moments:
             both = same_surfaces(*both)
-        elif (apart := surfaces_apart(*both)).mean() > RULES.one_side_share:
-            left_out, of_classes = in_words(apart, both[0]), shares_of_classes(apart, both[0])
-            both = seen_by_both(*both, same=~apart)
+        else:
+            apart = surfaces_apart(*both)
+            # By few frames the share is not known: those before say whether such surfaces are many.
+            if bool(like.left_out) if like else apart.mean() > RULES.one_side_share:
+                left_out, of_classes = apart_in_words(apart, both[0]), shares_of_classes(apart, both[0])
+                both = seen_by_both(*both, same=~apart)
         both_scan, measured = jax.tree.map(jnp.asarray, both)
         simulator = replace(simulator, scan=both_scan)
         given, ranges = simulator.scan, simulator.ranges
@@ -201,13 +210,7 @@ class NullModel:
         ev, _ = division.evidence(division.parts.find, known)
         # The null needs the component of false returns as soon as a known effect makes some.
         clutter = any(get_effect(name).clutter for name, _ in (*control.effects, *known.effects))
-        problem, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
-        return cls(division, known, problem)
-
-    @property
-    def scene(self) -> Int[np.ndarray, " b"]:
-        """The scene of each of its blocks."""
-        return self.division.blocks_of(self.division.parts.find)[1]
+        return cls(division, known, fit_null(division.scan, ev, clutter=clutter))
 
 
 @dataclass(frozen=True)
@@ -235,4 +238,5 @@ class AllScenes:
         null's)."""
         null = self.null.problem
         noise = null.noise if noise is None else noise
-        return on_evidence(self.division.scan, self.ev, null, effects=effects, noise=noise, in_fit=self.in_fit)
+        bare = Problem(self.division.scan, self.ev, null.equations, noise, null.clutter)
+        return reweighted(in_place(bare, effects, simulated=True), self.in_fit)

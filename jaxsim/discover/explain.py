@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.discover.add import parameters_of
+from jaxsim.discover.add import Added, effect_on_rays, parameters_of
 from jaxsim.discover.division import Division
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import shared_levels
-from jaxsim.discover.name.answer import SCARCE, Answer
+from jaxsim.discover.name.answer import SHOWN_ELSEWHERE, Answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
@@ -23,13 +22,7 @@ from jaxsim.discover.scenes import clipped
 from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
-
-ELSEWHERE = {
-    EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
-    CONTROL: "what the simulator lacks by itself, and nothing new",
-    SCARCE: "what a beam of some width does on thin things, which a simulator that casts single rays misses",
-}
-"""What it means that something was found which is not said, by why."""
+from jaxsim.progress import counted
 
 
 def named(
@@ -57,6 +50,14 @@ def named(
         gain=Interval.of_scenes(clipped(step.chosen.by_scene), "nats per scene"),
         parameters=parameters,
         does=does or {},
+    )
+
+
+def all_named(null: Problem, steps: Sequence[Step[Any]], added: Added) -> tuple[Named, ...]:
+    """The effects that were named on top of a null, as they were fitted together."""
+    return tuple(
+        named(step, values, does=effect_on_rays(null, fitted))
+        for step, values, fitted in zip(steps, added.parameters, added.refits, strict=True)
     )
 
 
@@ -145,17 +146,11 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             f"beside what the sensor model already had: {', '.join(held)}, held as given; the judge scenes are "
             "those of any other run on these frames: after several rounds, what they show is no longer new"
         )
-    drives = len(set(comparison.scenes))
-    if drives == 1:
+    if division.blocks.sectors > 1:
         lines.append(
-            "one drive alone: its frames are cut into the same sectors with gaps between them; sectors are less "
-            "independent than drives"
-        )
-    elif division.blocks.sectors > 1:
-        lines.append(
-            f"{drives} drives alone: frames of each are cut into {division.blocks.sectors} sectors with gaps between "
-            "them; sectors of a drive are less independent than drives, and whether an effect is in some drives only "
-            f"is not asked. {RULES.fewest_scenes} drives or more tell that"
+            f"{counted(len(set(comparison.scenes)), 'drive')} alone: each frame is cut into {division.blocks.sectors} "
+            "sectors with gaps between them; sectors of a drive are less independent than drives, and whether an "
+            f"effect is in some drives only is not asked. {RULES.fewest_scenes} drives or more tell that"
         )
     named_effects = [step.chosen.effect for step in answer.choice.steps]
     lines += [
@@ -194,9 +189,15 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
             "which no law of the sensor explains (`contrast`); they are left free, and effects on intensities count by "
             "what they explain along ranges, angles and rows and between classes"
         )
-    for why, meaning in ELSEWHERE.items():
+    for why, meaning in SHOWN_ELSEWHERE.items():
         if found := [name for name, of in answer.elsewhere if of == why]:
             lines.append(f"found, and not said: {', '.join(found)}. {why[0].upper()}{why[1:]}: so it is {meaning}")
+    if answer.negligible:
+        lines.append(
+            f"found, and not said: {', '.join(answer.negligible)}. Each is less than {RULES.negligible:.0%} of what is "
+            "clearly visible of it: so many rays show what is too small to matter, and as much comes of rounding, "
+            "smoothing or a surface's model"
+        )
     if answer.unfounded:
         lines.append(
             f"found, and not said: {', '.join(answer.unfounded)}. Weak echoes lie farther from the prediction, but the "

@@ -17,9 +17,9 @@ from itertools import compress
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.add import add_effects, changes
+from jaxsim.discover.add import add_effects
 from jaxsim.discover.division import AllScenes, NullModel
-from jaxsim.discover.explain import named
+from jaxsim.discover.explain import all_named
 from jaxsim.discover.name.select import Log, choose
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
@@ -34,8 +34,6 @@ OF_DIRECTIONS = ("sector_occlusion", "motion_distortion", "window_contamination"
 """Effects of a direction of the sensor, or of the moment within a turn."""
 BRIGHTNESS = CHANNELS.index("intensity")
 """The channel that does not count."""
-PIECES = 12
-"""Drives are cut into about so many in all, or one a frame where these are fewer: as many as sectors."""
 
 
 @dataclass(frozen=True)
@@ -84,19 +82,17 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     gained = judge_gains(AllScenes.of(null), [*compress(added.chain, stands)])
     if np.delete(gained, BRIGHTNESS).sum() <= RULES.confirmed_nats:
         return nothing
-    effects = [
-        named(step, values, does=changes(null.problem, fitted))
-        for step, values, fitted in zip(choice.steps, added.parameters, added.refits, strict=True)
-    ]
+    effects = all_named(null.problem, choice.steps, added)
     of_sensor = added.sensor.effects[len(sectors.known.effects) :]
     known = replace(sectors.known, effects=(*sectors.known.effects, *compress(of_sensor, stands)))
     return OfPieces(tuple(compress(effects, stands)), known, count, drives)
 
 
 def pieces_of(drives: Sequence[str]) -> list[str]:
-    """The piece that each frame is of: consecutive frames of a drive, about as many pieces of each."""
+    """The piece that each frame is of: consecutive frames of a drive, about as many pieces of each, `Rules.sectors` in
+    all or one a frame where these are fewer."""
     frames_of = Counter(drives)
-    each = -(-PIECES // len(frames_of))
+    each = -(-RULES.sectors // len(frames_of))
     passed: Counter[str] = Counter()
     pieces: list[str] = []
     for drive in drives:

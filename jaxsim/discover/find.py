@@ -21,15 +21,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import side_by_side
-from jaxsim.discover.covariates import COVARIATES, Dependence, curve_basis, spelled, values_of
+from jaxsim.discover.covariates import COVARIATES, Dependence, curve_basis, products, spelled, values_of
 from jaxsim.discover.division import NOTHING_YET, Division, NullModel
+from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import best_of_gains, chance_of_best, rank_correlation
 from jaxsim.discover.verdict import Where
 from jaxsim.effects.chain import SensorModel
 
-FITTED = (("intensity", "class"),)
+NUISANCES = (("intensity", "class"),)
 """Dependences that are never listed, for they are a nuisance: what is left along it says how far reflectances are held
 to the table."""
 READ_OFF = (("range", "height"),)
@@ -124,6 +125,8 @@ def localise(
         # Both would explain the same, and each would hide the other.
         if "time" in designs and _one_clock(rays, counts):
             del designs["time"]
+        if "heading" in designs and np.ptp(np.asarray(rays.heading_rad)) == 0:
+            del designs["heading"]  # the azimuth, from another zero
         model = Additive(z[counts].astype(np.float64), designs, index, scenes=scenes)
         squares = (model.z**2).sum()
         taken: list[str] = []
@@ -150,6 +153,11 @@ def localise(
     return sorted(dependences, key=lambda dependence: -dependence.gain)
 
 
+def dependences_of(problem: Problem) -> list[Dependence]:
+    """On which single covariates the residuals of a fitted problem depend, strongest first."""
+    return localise(*standardised(problem), np.asarray(problem.ev.scene))
+
+
 def reported(dependences: Iterable[Dependence]) -> list[Dependence]:
     """The dependences that a verdict lists, strongest first."""
     sure = [
@@ -157,7 +165,7 @@ def reported(dependences: Iterable[Dependence]) -> list[Dependence]:
         for dependence in dependences
         if dependence.p_value <= RULES.dependence_level
         and dependence.gain >= RULES.dependence_nats
-        and (dependence.channel, dependence.covariate) not in FITTED
+        and (dependence.channel, dependence.covariate) not in NUISANCES
     ]
     return sorted(sure, key=lambda dependence: -dependence.gain)[: RULES.dependences_listed]
 
@@ -206,8 +214,7 @@ def interactions(
             continue
         gains = []
         for a, b in crossed:
-            products = (curves[a][:, :, None] * curves[b][:, None, :]).reshape(len(rest), -1)
-            model = Additive(rest, {"product": products}, index, scenes=scenes)
+            model = Additive(rest, {"product": products(curves[a], curves[b])}, index, scenes=scenes)
             gains.append(model.by_scene(np.zeros(len(rest)), model.predicted(["product"]))[0])
         best, p = best_of_gains(np.stack(gains))
         if p <= level:
@@ -250,9 +257,10 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     """The null model with the `known` effects in place, and what its residuals depend on. Raises ValueError for a
     learned law of what the frames do not hold."""
     null = NullModel.of(division, known)
-    rays, residuals = standardised(null.problem, null.problem.ev.all_blocks)
+    rays, residuals = standardised(null.problem)
+    scene = np.asarray(null.problem.ev.scene)
     single, crossed = side_by_side(
-        partial(localise, rays, residuals, null.scene), partial(interactions, rays, residuals, null.scene)
+        partial(localise, rays, residuals, scene), partial(interactions, rays, residuals, scene)
     )
     listed = reported([*single, *crossed])
     where = tuple(Where(found.channel, spelled(found.covariate), found.p_value, found.share) for found in listed)

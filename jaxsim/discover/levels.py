@@ -12,9 +12,9 @@ from dataclasses import fields, replace
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from jaxsim.discover.model.evidence import Evidence, Measured
+from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.noise_levels import Levels, noise_levels, on_lattices
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
@@ -47,7 +47,7 @@ def compare_levels(comparison: Comparison) -> tuple[Level, ...]:
     simulated = _by_scene(comparison, comparison.scan)
     if comparison.lattices is not None:
         simulated = [on_lattices(of_scene, comparison.lattices) for of_scene in simulated]
-    measured = _by_scene(comparison, _as_measured(comparison.scan, comparison.measured))
+    measured = _by_scene(comparison, _as_measured(comparison))
     return tuple(
         _compared(
             name,
@@ -68,17 +68,16 @@ def range_noise_grows(comparison: Comparison) -> bool:
     range_m = np.maximum(comparison.scan.range_m, RULES.finest_step)
     power = np.log(np.maximum(comparison.scan.intensity, FLOOR)) - 2 * np.log(range_m)
     ends = np.quantile(power[np.asarray(comparison.scan.hit)], [1 / 3, 2 / 3])
-    variance = [
-        [
-            np.square(
-                [noise.range_m for noise in _by_scene(comparison, replace(side, hit=np.asarray(side.hit) & part))]
-            )
-            for side in (comparison.scan, _as_measured(comparison.scan, comparison.measured))
-        ]
-        for part in (power < ends[0], power > ends[1])
-    ]
-    (weak_simulated, weak_measured), (strong_simulated, strong_measured) = variance
-    low, _ = mean_interval(weak_measured - weak_simulated - strong_measured + strong_simulated)
+
+    def variance(side: Scan, part: Bool[np.ndarray, "f r c"]) -> Float[np.ndarray, " s"]:
+        """Of each scene's ranges, in a part of the rays."""
+        noise = _by_scene(comparison, replace(side, hit=np.asarray(side.hit) & part))
+        return np.square([of_scene.range_m for of_scene in noise])
+
+    simulated, measured = comparison.scan, _as_measured(comparison)
+    weak, strong = power < ends[0], power > ends[1]
+    of_weak = variance(measured, weak) - variance(simulated, weak)
+    low, _ = mean_interval(of_weak - variance(measured, strong) + variance(simulated, strong))
     return low > 0
 
 
@@ -113,9 +112,10 @@ def power_of(name: str) -> int:
     return 1 if name == "random_loss" else 2
 
 
-def _as_measured(scan: Scan, measured: Measured) -> Scan:
+def _as_measured(comparison: Comparison) -> Scan:
     """The sensor's readings with the simulator's surfaces."""
-    return replace(scan, range_m=measured.range_m, intensity=measured.intensity, hit=measured.valid)
+    measured = comparison.measured
+    return replace(comparison.scan, range_m=measured.range_m, intensity=measured.intensity, hit=measured.valid)
 
 
 def _by_scene(comparison: Comparison, scan: Scan) -> list[Levels]:

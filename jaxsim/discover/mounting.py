@@ -109,7 +109,7 @@ def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, kn
     registered = comparison.registration
     if registered is None or "beam_elevation_error" not in mounting.effects:
         return mounting
-    refit = fit(LIFT_OF_ALL, null, null.ev.all_blocks)
+    refit = fit(LIFT_OF_ALL, null)
     by = np.zeros(len(registered.motion))
     by[LIFT] = float(to_values(LIFT_OF_ALL, refit.z)["error_rad"])
     finer = replace(registered, motion=registered.motion + by, frames=registered.frames + by)

@@ -20,8 +20,6 @@ from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array
 
-CLASSES_TOLD = 3
-"""Classes that a note names at most."""
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 """Rows and columns by which the four neighbours of a ray lie off."""
 BLOOMING_RAD = 2 * EFFECTS["blooming"].parameters["radius_rad"].high
@@ -100,11 +98,11 @@ def shares_of_classes(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> dict[int,
     return {one: float(apart[semantic == one].mean()) for one in classes}
 
 
-def in_words(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> str:
+def apart_in_words(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> str:
     """How many rays are of surfaces that one side alone has, and of which classes most."""
     share = apart.sum() / max((apart | np.asarray(scan.hit)).sum(), 1)
     of_class = shares_of_classes(apart, scan)
-    most = sorted(of_class, key=of_class.__getitem__)[: -CLASSES_TOLD - 1 : -1]
+    most = sorted(of_class, key=of_class.__getitem__)[: -RULES.apart_classes_told - 1 : -1]
     told = [f"{of_class[one]:.0%} of {NAMES[one]}" for one in most]
     where = f" ({', '.join(told)})" if told else ""
     return f"{share:.1%} of the rays{where}"

@@ -7,7 +7,7 @@ flattens the simulated intensity would gain, since it takes away what misleads.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.rules import RULES
@@ -18,12 +18,13 @@ OF_BRIGHT = ("blooming",)
 """Effects beside what the simulator has bright."""
 
 
-def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray, " s"]:
+def correlations(ev: Evidence) -> Float[np.ndarray, " s"]:
     """Each scene's rank correlation (Spearman's) between measured and simulated ln I, means of its surfaces; NaN
     where a scene shows too few surfaces, or one side has them all alike."""
     counts = np.asarray(ev.compared)
     surface = np.asarray(ev.surface)[np.asarray(ev.strip)][counts]
-    of = np.broadcast_to(np.asarray(scene)[:, None, None], counts.shape)[counts]
+    scene = np.asarray(ev.scene)
+    of = np.broadcast_to(scene[:, None, None], counts.shape)[counts]
     ours = np.asarray(ev.rays.log_intensity)[counts]
     theirs = np.asarray(ev.log_intensity)[counts]
     correlation = []

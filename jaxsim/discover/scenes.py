@@ -9,8 +9,8 @@ only scenes are independent. Letters: s scenes, b blocks of columns (each of one
   asked about, the largest over all of them is held against the same signs (max-T, Westfall & Young 1993), which pays
   for trying many without supposing them independent.
 - Clipping: no scene counts for more than the third largest, so that no one or two decide.
-- Scatter: `jaxsim/metrics/intervals.py` has the intervals of means, ratios and scores; here are those of differences,
-  and of fits that share scenes, by the jackknife again.
+- Scatter: `jaxsim/metrics/intervals.py` has the intervals of means, ratios and scores, and of fits that share scenes;
+  here are those of differences.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import stdtrit
 
 from jaxsim.discover.rules import RULES
-from jaxsim.metrics.intervals import student_reach
+from jaxsim.metrics.intervals import jackknife_half_width, student_reach
 
 
 @dataclass(frozen=True)
@@ -189,13 +189,6 @@ def difference_interval(
     return centre - half, centre + half
 
 
-def fold_half_width(fits: Float[np.ndarray, "g k"]) -> Float[np.ndarray, " k"]:
-    """Half width of the interval of a mean of fits, each of which left out one of g groups of scenes: the jackknife
-    again, by whose factor fits are farther apart than they look, since any two share scenes."""
-    groups = len(fits)
-    return student_reach(groups) * (groups - 1) / np.sqrt(groups) * fits.std(0, ddof=1)
-
-
 def jackknife_sd(fits: Float[np.ndarray, "g k"]) -> Float[np.ndarray, " k"]:
     """Standard deviation of a fit to all scenes, from fits each of which left out one of g groups."""
-    return fold_half_width(fits) / student_reach(len(fits))
+    return jackknife_half_width(fits) / student_reach(len(fits))

@@ -124,12 +124,7 @@ def expected_gains(
     effected = effect_with_gradient(effect, z, before, scan=problem.scan)
     after = replace(before, **effected.fields, **effected.constant)
     held, free = _expected(problem.ev, before, after, noise=problem.noise, equations=problem.equations)
-    scene = np.asarray(problem.ev.scene)
-
-    def by_scene(nats: Array) -> Float[np.ndarray, " s"]:
-        return np.bincount(scene, np.asarray(nats, float), problem.ev.scenes)[np.unique(scene)]
-
-    return by_scene(held), by_scene(free)
+    return problem.ev.by_scene(np.asarray(held, float)), problem.ev.by_scene(np.asarray(free, float))
 
 
 def needed_nats(effect: Effect, rows: int) -> float:

@@ -41,10 +41,11 @@ def mean_interval(values: Float[np.ndarray, " s"]) -> tuple[float, float]:
     return centre - half, centre + half
 
 
-def jackknife_half_width(without: Float[np.ndarray, " s"]) -> float:
-    """Half width of the interval of a statistic, from what it becomes without each of the scenes."""
+def jackknife_half_width(without: Float[np.ndarray, "g *k"]) -> Float[np.ndarray, "*k"]:
+    """Half width of the interval of each statistic, from what it becomes without each of the scenes, or of g groups of
+    them: these are farther apart than they look, since any two share scenes, and by that the factor widens them."""
     n = len(without)
-    return float(student_reach(n) * np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
+    return np.asarray(student_reach(n) * (n - 1) / np.sqrt(n) * without.std(0, ddof=1))
 
 
 def ratio_interval(top: Float[np.ndarray, " s"], bottom: Float[np.ndarray, " s"]) -> tuple[float, float]:
@@ -64,5 +65,5 @@ def jackknife_interval(value: float, without: Float[np.ndarray, " s"]) -> tuple[
     """Interval of a value that becomes `without` each of the scenes; NaN where there are fewer than two."""
     if len(without) < 2:
         return float("nan"), float("nan")
-    half = jackknife_half_width(without)
+    half = float(jackknife_half_width(without))
     return float(value - half), float(value + half)

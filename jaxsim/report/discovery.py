@@ -7,7 +7,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from jaxsim.discover.verdict import Nulls, Result, Verdict
+from jaxsim.discover.verdict import NullDraws, Result, Verdict
 from jaxsim.files import write_text
 from jaxsim.report import page
 from jaxsim.report.accounts import could_show, learned, own_effects, residual_clouds, where_it_stood
@@ -139,7 +139,7 @@ def _chance(verdict: Verdict, draw: DrawChart) -> Markup:
     return page.section("What chance gives on these data", words, draw("chance", _null_strip(nulls, verdict), caption))
 
 
-def _null_strip(nulls: Nulls, verdict: Verdict) -> Canvas:
+def _null_strip(nulls: NullDraws, verdict: Verdict) -> Canvas:
     """Two rows of dots on one axis, and the bar as a line."""
     named = {effect.name for effect in verdict.effects}
     rows = (

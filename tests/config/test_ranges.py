@@ -71,6 +71,7 @@ def test_a_path_may_be_text_and_a_tuple_a_list():
 
 def test_settings_are_named_by_their_role():
     assert [*settings_of(DataConfig, "chosen", "kept")] == ["train", "validation", "cache"]
+    assert [*settings_of(PrepareConfig, "weights")] == ["depth_weights", "denoise_weights"]
     assert [*settings_of(Experiment, "used", "drawn")] == ["generator.widen", "generator.looks", "run.seed"]
     assert not [*settings_of(DetectorExperiment, "lasts")]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.add import changes, intervals
+from jaxsim.discover.add import effect_on_rays, intervals
 from jaxsim.discover.levels import made_by
 from jaxsim.discover.model.evidence import Measured, gather
 from jaxsim.discover.model.fit import fit, on_top
@@ -25,9 +25,8 @@ def fitted(effect: str, scan, measured):
     scan, measured = device(scan, measured)
     columns = np.broadcast_to(np.arange(0, 60, 2), (len(FRAMES), 30))
     ev = gather(scan, measured, frame=FRAMES, column=columns, scene=FRAMES)
-    everyone = np.ones(len(FRAMES), np.float32)
-    problem, _ = fit_null(scan, ev, everyone)
-    return problem, fit(EFFECTS[effect], problem, everyone, steps=80)
+    problem = fit_null(scan, ev)
+    return problem, fit(EFFECTS[effect], problem, steps=80)
 
 
 @pytest.mark.long
@@ -93,7 +92,7 @@ def test_what_an_effect_does_is_told_whatever_nuisances_take_up():
 
     def does(name, values):
         z = to_z(EFFECTS[name], values, 16)
-        return changes(problem, Refit(EFFECTS[name], problem, replace(found, z=z)))
+        return effect_on_rays(problem, Refit(EFFECTS[name], problem, replace(found, z=z)))
 
     [(channel, dims)] = does("gamma_response", {"gamma": 1.3}).items()
     rays = problem.ev.rays

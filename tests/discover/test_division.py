@@ -63,14 +63,32 @@ def test_of_what_a_simulator_that_loses_many_rays_reports_nothing_returns_tell_n
     assert (np.asarray(division.measured.valid) & lost).any() == told
 
 
-@pytest.mark.parametrize("columns", [0, 40])
-def test_a_surface_that_the_simulator_lacks_is_left_out_and_said(columns):
+def with_box(columns):
+    """A street in which the simulator lacks a box of so many columns, and where it is."""
     of = noisy_street.comparison({}, {"range_m": 0.01}, FRAMES)
     box = np.zeros(of.scan.hit.shape, bool)
     box[:, 10:16, 100 : 100 + columns] = True
     nearer = np.where(box, 3.0, of.measured.range_m).astype(np.float32)
-    division = Division.of(replace(of, measured=replace(of.measured, range_m=nearer)))
+    return replace(of, measured=replace(of.measured, range_m=nearer)), box
+
+
+@pytest.mark.parametrize("columns", [0, 40])
+def test_a_surface_that_the_simulator_lacks_is_left_out_and_said(columns):
+    of, box = with_box(columns)
+    division = Division.of(of)
     assert bool(division.left_out) is (columns > 0)
     valid = np.asarray(division.measured.valid)
     assert not valid[box].any()
     np.testing.assert_array_equal(valid[~box], of.measured.valid[~box])
+
+
+def test_further_frames_lack_what_was_left_out_of_those_before_and_nothing_else():
+    """However small a box is in them, or large: all frames are compared by one rule."""
+    none, small, large = (Division.of(with_box(columns)[0]) for columns in (0, 2, 40))
+    assert not small.left_out
+    assert large.left_out
+    for columns, before, left_out in ((2, large, True), (40, none, False)):
+        of, box = with_box(columns)
+        division = Division.of(of, chosen=before.blocks, like=before)
+        assert np.asarray(division.measured.valid)[box].any() is not left_out
+        assert division.parts == before.parts

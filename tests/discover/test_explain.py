@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsim.discover.explain import named, notes, why_not
 from jaxsim.discover.model.noise_levels import Levels
-from jaxsim.discover.name.answer import DENIED, Answer
+from jaxsim.discover.name.answer import DENIED, NEGLIGIBLE, Answer
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read.control import NO_CONTROL, Control
@@ -49,19 +49,22 @@ def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
     assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
 
 
-def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, sectors=1, left_out="", **more):
+def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, drives="ab", sectors=1, **more):
     """The notes of an answer on frames of which nothing else must be known."""
     scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
-    comparison = SimpleNamespace(notes=(), scenes=("a", "b"), scan=scan, control=control)
+    comparison = SimpleNamespace(notes=(), scenes=tuple(drives), scan=scan, control=control)
     simulator = SimpleNamespace(noise=Levels(), free_contrast=free_contrast)
     parts, blocks = SimpleNamespace(judge=("a",) * 5), SimpleNamespace(sectors=sectors)
-    division = SimpleNamespace(parts=parts, blocks=blocks, left_out=left_out, simulator=simulator)
-    return inspect.unwrap(notes)(comparison, division, Answer("named", Choice(steps, (), problem()), None, **more))
+    division = SimpleNamespace(parts=parts, blocks=blocks, left_out=more.pop("left_out", ""), simulator=simulator)
+    choice = Choice(steps, (), problem(), refused=more.pop("refused", {}))
+    return inspect.unwrap(notes)(comparison, division, Answer("named", choice, None, **more))
 
 
 def test_few_drives_that_are_cut_into_sectors_are_told():
     [note] = told(sectors=6)
-    assert note.startswith("2 drives alone: frames of each are cut into 6 sectors")
+    assert note.startswith("2 drives alone: each frame is cut into 6 sectors")
+    [note] = told(drives="aa", sectors=12)
+    assert note.startswith("1 drive alone: each frame is cut into 12 sectors")
 
 
 def test_rays_that_are_left_out_are_told():
@@ -77,9 +80,14 @@ def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
 
 
 def test_what_one_class_alone_shows_is_told_to_be_of_its_surfaces():
-    [note] = told(denied=(("range_noise", f"{DENIED} terrain"),))
+    [note] = told(refused={"range_noise": f"{DENIED} terrain"})
     assert note.startswith("found, and not said: range_noise. All other surfaces speak against it, without those of")
     assert "terrain. It is taken for something of these surfaces" in note
+
+
+def test_what_is_too_small_to_matter_is_told():
+    [note] = told(refused={"range_scale": NEGLIGIBLE})
+    assert note.startswith("found, and not said: range_scale. Each is less than 10% of what is clearly visible of it")
 
 
 def test_a_contrast_that_is_left_free_is_told():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.division import Division, NullModel
-from jaxsim.discover.few_drives import PIECES, ask_pieces, pieces_of, without_brightness
+from jaxsim.discover.few_drives import ask_pieces, pieces_of, without_brightness
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
@@ -52,8 +52,8 @@ def weak(azimuth, elevation, intensity):
 def test_a_hidden_sector_of_few_drives_is_found_and_known_to_what_comes_after(scenes, drives):
     found = asked(drive(hidden, scenes))
     [one] = found.effects
-    assert (one.name, found.pieces) == ("sector_occlusion", PIECES)
-    assert f"found by {PIECES} pieces of {drives}" in found.how
+    assert (one.name, found.pieces) == ("sector_occlusion", RULES.sectors)
+    assert f"found by {RULES.sectors} pieces of {drives}" in found.how
     # A fit looks at one column in twelve; borders are those of all columns, 0.013 rad apart.
     assert one.parameters["azimuth_rad"].value == pytest.approx(1.0, abs=0.01)
     assert one.parameters["width_rad"].value == pytest.approx(0.4, abs=0.02)

@@ -75,6 +75,18 @@ def test_the_covariate_that_the_residuals_depend_on_comes_first(name):
     assert dependences[0].p_value < 0.05
 
 
+@pytest.mark.parametrize(("headings", "name"), [(1, "heading"), (0, "azimuth")])
+def test_frames_of_one_heading_have_no_dependence_on_it(headings, name):
+    """It is their azimuth then, told from another zero: what begins straight ahead and grows over the turn."""
+    rng = np.random.default_rng(0)
+    r = rays(rng, (10, 12, 16))
+    r.heading_rad = headings * r.heading_rad
+    z = rng.normal(0, 1, r.row.shape) + np.mod(r.azimuth_rad + r.heading_rad, 2 * np.pi) / 3
+    dependences = localise(r, {"range": (z - z.mean(), np.ones(z.shape, bool))}, np.arange(10))
+    assert dependences[0].covariate == name
+    assert ("heading" in {one.covariate for one in dependences}) == (headings > 0)
+
+
 @pytest.mark.parametrize(("size", "found"), [(0.3, False), (1.0, True)])
 def test_what_is_little_along_the_height_is_of_materials(size, found):
     rng = np.random.default_rng(4)

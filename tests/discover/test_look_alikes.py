@@ -63,7 +63,7 @@ def test_an_own_effect_that_is_hidden_in_a_toy_case_is_named(tmp_path):
     columns = np.broadcast_to(np.arange(0, 60, 2), (len(frames), 30))
     with jax.numpy_rank_promotion("allow"):
         ev = gather(*device(scan, measured), frame=frames, column=columns, scene=frames)
-        null, _ = fit_null(jax.tree.map(jnp.asarray, scan), ev, np.ones(len(frames), np.float32))
+        null = fit_null(jax.tree.map(jnp.asarray, scan), ev)
         catalogue = [get_effect(name) for name in ("lobes", "beam_gain", "window_contamination")]
         catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)
         choice = choose(null, catalogue)

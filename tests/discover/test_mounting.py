@@ -107,13 +107,12 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
     one = place_mounting(given, MOTION_PARTS)
     asked = []
 
-    def fit(law, null, in_fit):
+    def fit(law, null):
         asked.append(law.name)
         return SimpleNamespace(z={"error_rad": np.float32(-3e-4 / 0.0014)})
 
     monkeypatch.setattr(mounting, "fit", fit)
     null = object.__new__(Problem)
-    object.__setattr__(null, "ev", SimpleNamespace(all_blocks=np.ones(12, np.float32)))
     finer = refine_lift(given, one, null, known=NOTHING_YET)
     assert asked == ["lift"]
     assert finer.effects == one.effects

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.discover.other_surfaces import in_words, same_surfaces, surfaces_apart
+from jaxsim.discover.other_surfaces import apart_in_words, same_surfaces, surfaces_apart
 from jaxsim.effects.scan import scan_of
 from tests.discover import rooms
 
@@ -81,8 +81,8 @@ def test_classes_that_are_apart_most_are_named(sides):
     apart = np.zeros(scan.hit.shape, bool)
     apart[:, 4:12, 20:30] = True
     semantic = np.where(apart, IDS["terrain"], IDS["road"]).astype(np.int32)
-    assert "100% of terrain" in in_words(apart, replace(scan, semantic=semantic))
-    nameless = in_words(apart, replace(scan, semantic=np.zeros_like(semantic)))
+    assert "100% of terrain" in apart_in_words(apart, replace(scan, semantic=semantic))
+    nameless = apart_in_words(apart, replace(scan, semantic=np.zeros_like(semantic)))
     assert nameless == f"{apart.sum() / np.asarray(scan.hit).sum():.1%} of the rays"
 
 

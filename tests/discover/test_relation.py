@@ -33,19 +33,19 @@ def levels():
 
 
 def test_sides_of_one_street_are_related(evidence, levels):
-    by_scene = correlations(told(evidence, levels[0], 2 * levels[0] + 0.3 * levels[1]), np.arange(6))
+    by_scene = correlations(told(evidence, levels[0], 2 * levels[0] + 0.3 * levels[1]))
     assert by_scene.min() > 0.8
     assert unrelated(by_scene) is None
 
 
 def test_strangers_are_told(evidence, levels):
-    by_scene = correlations(told(evidence, levels[0], levels[1]), np.arange(6))
+    by_scene = correlations(told(evidence, levels[0], levels[1]))
     assert np.abs(by_scene).max() < 0.6
     assert "no relation beyond chance" in (unrelated(by_scene) or "")
 
 
 def test_a_simulator_without_intensities_is_no_stranger(evidence, levels):
-    by_scene = correlations(told(evidence, 0 * levels[0], levels[1]), np.arange(6))
+    by_scene = correlations(told(evidence, 0 * levels[0], levels[1]))
     assert np.isnan(by_scene).all()
     assert unrelated(by_scene) is None
 

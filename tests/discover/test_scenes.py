@@ -11,7 +11,6 @@ from jaxsim.discover.scenes import (
     chance_of_best,
     clipped,
     difference_interval,
-    fold_half_width,
     folds,
     p_value,
     rank_correlation,
@@ -118,13 +117,3 @@ def test_the_interval_of_a_difference_without_scatter_is_a_point():
 def test_correlations_of_ranks_are_spearmans_with_ties_too(values):
     first, second = np.random.default_rng(values).integers(0, values, (2, 50)).astype(float)
     assert rank_correlation(first, first + second) == pytest.approx(spearmanr(first, first + second)[0], abs=1e-12)
-
-
-def test_the_band_of_fits_that_share_scenes_covers_their_mean():
-    rng = np.random.default_rng(3)
-    covered = 0
-    for _ in range(3000):
-        scenes = rng.normal(0.0, 1.0, (3, 4)).mean(1)  # three groups of four scenes
-        fits = (scenes.sum() - scenes) / 2  # each of two groups
-        covered += abs(fits.mean()) <= fold_half_width(fits[:, None])[0]
-    assert covered / 3000 == pytest.approx(0.9, abs=0.02)

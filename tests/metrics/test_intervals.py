@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.metrics.intervals import half_width, mean_interval, ratio_interval
+from jaxsim.metrics.intervals import half_width, jackknife_half_width, mean_interval, ratio_interval
 from jaxsim.metrics.paired import difference_of, frame_sums, scene_intervals
 
 SHAPE = (8, 60)
@@ -60,3 +60,13 @@ def test_entries_that_are_missing_do_not_count():
     assert np.isnan(width[1])
     assert np.isnan(mean_interval(np.full(3, np.nan))).all()
     assert np.isnan(ratio_interval(np.array([1.0]), np.array([2.0]))).all()
+
+
+def test_the_band_of_fits_that_share_scenes_covers_their_mean():
+    rng = np.random.default_rng(3)
+    covered = 0
+    for _ in range(3000):
+        scenes = rng.normal(0.0, 1.0, (3, 4)).mean(1)  # three groups of four scenes
+        fits = (scenes.sum() - scenes) / 2  # each of two groups
+        covered += abs(fits.mean()) <= float(jackknife_half_width(fits))
+    assert covered / 3000 == pytest.approx(0.9, abs=0.02)

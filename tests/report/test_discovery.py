@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxsim.discover.verdict import Nulls
+from jaxsim.discover.verdict import NullDraws
 from jaxsim.report.page import number
 from jaxsim.report.words import verdict_sentence
 from tests.report import results
@@ -57,7 +57,7 @@ def test_names_are_escaped(tmp_path: Path):
 def test_what_chance_gives_is_drawn_where_nulls_were_asked_for(tmp_path: Path):
     assert "What chance gives" not in page(tmp_path, results.named())
     result = results.named()
-    nulls = Nulls(("oren_nayar", "", "saturation"), (1.4, 0.0, 0.3), (0.0, 0.0, 0.9), 1, 1.4, 0.9)
+    nulls = NullDraws(("oren_nayar", "", "saturation"), (1.4, 0.0, 0.3), (0.0, 0.0, 0.9), 1, 1.4, 0.9)
     text = page(tmp_path, replace(result, verdict=replace(result.verdict, nulls=nulls)))
     assert "3 measurements in which nothing is missing" in text
     assert "On 1 of them something would have been said" in text

@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, values_along, with_columns
+from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, products, values_along, with_columns
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit, in_place
 from jaxsim.discover.model.null import refit, refitted
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
-from jaxsim.discover.name.unexplained import agreed, written_down
+from jaxsim.discover.name.unexplained import agreed, at_knots
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
 from jaxsim.effects import Law
@@ -43,7 +43,7 @@ class Form:
     @classmethod
     def of(cls, problem: Problem, dependence: Dependence, curve: Candidate) -> Form:
         """The form of a free curve that was fitted to the problem's rays."""
-        _, knots, basis, heights = written_down(problem, dependence, curve)
+        _, knots, basis, heights = at_knots(problem, dependence, curve)
         # Columns that only fill up have no height to fit.
         used = basis.any(0)
         numbers = tuple(knots.tolist())
@@ -113,7 +113,7 @@ def curve_form(
         better = p_value(clipped(candidate.by_scene - curve.by_scene)) <= RULES.alike_level
         if agreed(candidate, bar) and candidate.total > least and better:
             size = len(bare.values)
-            heights = [np.asarray(to_values(candidate.effect, fit.z)["height"])[:size] for fit in candidate.fits]
+            heights = [np.asarray(values["height"])[:size] for values in candidate.fitted_values]
             form, least = Form(bare, np.eye(size, dtype=np.float32), np.mean(heights, axis=0)), candidate.total
     return form
 
@@ -124,7 +124,7 @@ def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Le
     knots = [np.unique(np.quantile(values, np.linspace(0, 1, RULES.interaction_knots))) for values in x]
     weights = [hats(values, at) for values, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])
-    tried = with_columns(problem, (weights[0][:, :, None] * weights[1][:, None, :]).reshape(-1, size))
+    tried = with_columns(problem, products(*weights))
     [candidate] = rank_effects(tried, [CURVES[channel]], null=problem.null_fits)
     nothing = (0.0,) * size
     return Learned(channel, "product", names, tuple(map(_plain, knots)), nothing, nothing), candidate

@@ -139,7 +139,7 @@ def _bends(text: str, t: Float[np.ndarray, " n"], unit: str, *, nodes: int) -> l
     # Steeper than a tenth of the span is a step, flatter than twice it a line.
     scales = span * np.geomspace(0.1, 2.0, 14)
     # With less than a cycle it is a bend, with more the knots do not follow it.
-    most = max(min(8.0, len(np.unique(t)) / 2.5), 1.01)
+    most = max(min(RULES.wave_cycles[1], len(np.unique(t)) / 2.5), 1.01)
     periods = tuple((span / np.arange(1.0, most, 0.2)).tolist())
     shapes = []
     for end, grid in ((t.max(), scales), (t.min(), -scales[::-1])):

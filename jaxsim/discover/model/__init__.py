@@ -75,11 +75,11 @@ Priors and bounds, and where they are set
     power   of a surface like its class's, as firmly as by 5 rays          null.FEW
     tails   Student-t of 4 degrees; far off 1 m; near 5 cm                 noise.DEGREES, likelihood._WIDE_M, _EDGE_SD_M
     top     readings within 1 % of it pile up, beyond it cost 10 nats      likelihood._PILE, _ABOVE_TOP
-    rays between two surfaces of frames that are cast again: 3 %           division.UNKNOWN_BETWEEN
+    rays between two surfaces of frames that are cast again: 3 %           cast.UNKNOWN_BETWEEN
     edges and planes, by bends of 3 % and 1 % of 1 / range                 cast.BEND, PLANAR
     kinds without classes: level ground, albedo                            kinds.KNOT_QUANTILES, Rules.level_ground_rad
     which rays are compared; which lie on a lattice                        Rules.compared_, finest_step, lattice_
-    which columns of which frames                                          cast.RAYS, SECTORS
+    which columns of which frames                                          cast.RAYS, Rules.sectors
     noise that a simulator has: how it is told; how smooth surfaces are    noise_levels.QUANTILE, smooth.PLANE_MISFIT
 
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.

@@ -26,12 +26,6 @@ from jaxsim.progress import counted
 
 RAYS = 20_000
 """Rays that a fit looks at, if the frames have so many."""
-FEWEST_COLUMNS = 8
-"""Columns of each frame that are looked at in any case."""
-SECTORS = 12
-"""Frames of a single drive are cut into so many; of a few, into as many as give about so many of all drives."""
-GUARD_COLUMNS = 4
-"""Columns left out on each side of a sector: neighbouring rays share a surface."""
 OBJECT_SD = 0.2
 """Standard deviation of an object's reflectance about its class in the street, nats."""
 PATCH_SD = 0.15
@@ -42,6 +36,9 @@ STREET_SD = 0.1
 """Standard deviation of all that is of one class in one street about the class in all streets, nats."""
 FIRM = 1e12
 """1 / variance of what has no reflectance of its own."""
+UNKNOWN_BETWEEN = 0.03
+"""Share of readings between two surfaces, of the rays beside a step of frames that were cast again: a surface goes on
+between the directions in which it was rendered, and how is in no frame."""
 PATCH_M = 6.0
 """Ground and walls are alike over about so much."""
 STEEPEST_COSINE = 0.1
@@ -64,7 +61,7 @@ class Blocks:
 def sectors_a_drive(drives: Sequence[str]) -> int:
     """Into how many sectors frames of these drives are cut: 1 where there are enough drives for a verdict."""
     count = len(set(drives))
-    return 1 if count >= RULES.fewest_scenes else -(-SECTORS // count)
+    return 1 if count >= RULES.fewest_scenes else -(-RULES.sectors // count)
 
 
 def blocks(
@@ -82,23 +79,23 @@ def blocks(
     sectors = like.sectors if like else sectors_a_drive(drives)
     each = like.column.shape[1] if like else rays // (rows * sectors * frames)
     if sectors == 1:
-        count = min(columns, max(FEWEST_COLUMNS, each))
+        count = min(columns, max(RULES.fewest_columns, each))
         return Blocks(np.arange(frames), _spread(rng, frames, columns=columns, count=count), tuple(drives))
     width = columns // sectors
-    inner = width - 2 * GUARD_COLUMNS
+    inner = width - 2 * RULES.guard_columns
     frames_of = Counter(drives)
-    if inner < FEWEST_COLUMNS:
+    if inner < RULES.fewest_columns:
         raise ValueError(
             f"discover: frames of {counted(len(frames_of), 'drive')}, of {columns} columns, are too narrow to be cut "
             f"into {sectors} independent sectors; give frames of {RULES.fewest_scenes} drives, or "
-            f"{sectors * (FEWEST_COLUMNS + 2 * GUARD_COLUMNS)} columns or more"
+            f"{sectors * (RULES.fewest_columns + 2 * RULES.guard_columns)} columns or more"
         )
     # Few frames give more columns each, so that a fit sees about as many rays.
-    count = each if like else min(inner, max(-(-FEWEST_COLUMNS // min(frames_of.values())), each))
-    within = GUARD_COLUMNS + _spread(rng, frames, columns=inner, count=count)
+    count = each if like else min(inner, max(-(-RULES.fewest_columns // min(frames_of.values())), each))
+    within = RULES.guard_columns + _spread(rng, frames, columns=inner, count=count)
     column = np.arange(sectors)[None, :, None] * width + within[:, None, :]
     # Of a single drive the sector alone says which, and further frames of one of several are still named by it.
-    of_drive = [f"{drive} " if sectors < SECTORS else "" for drive in drives]
+    of_drive = [f"{drive} " if sectors < RULES.sectors else "" for drive in drives]
     names = tuple(f"{drive}sector {k:02d}" for drive in of_drive for k in range(sectors))
     return Blocks(np.repeat(np.arange(frames), sectors), column.reshape(-1, count), names, sectors)
 

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter1d
 
 from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.frame import Array
@@ -28,8 +29,6 @@ PATCH_ROWS, PATCH_RAD = 5, np.deg2rad(8.0)
 """Half height and half width of a patch."""
 MOST_CONTRAST = 1.0
 """Nats within which differences are held: one dark cell tells no slope."""
-FEWEST_OF_CLASS = 60
-"""Rays of a class from which its dependence on angle and range is told."""
 
 
 def contrast_of(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"]) -> Float[np.ndarray, "b c r k"]:
@@ -95,6 +94,6 @@ def class_trend(
     for kind in np.unique(semantic):
         of = semantic == kind
         # A class of few rays says nothing of angles.
-        columns = design[of] if of.sum() >= FEWEST_OF_CLASS else design[of][:, :1]
+        columns = design[of] if of.sum() >= RULES.fewest_of_class else design[of][:, :1]
         result[of] = columns @ np.linalg.lstsq(columns, level[of], rcond=None)[0]
     return result

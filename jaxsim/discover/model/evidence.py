@@ -172,7 +172,7 @@ def gather(
     kinds = kinds_of(scan, index)
     given = scan.incidence_rad if given_rad is None else given_rad
     surfaces = surfaces_of(scan, index)
-    per_ray = at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator)
+    per_ray = at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator or Meant.as_said(scan))
     fields = _fields_of_rays(
         scan,
         measured,

@@ -95,6 +95,11 @@ def coupled(channels: Sequence[str]) -> tuple[str, ...]:
     return (*(("intensity",) if "intensity" in channels else ()), *returns)
 
 
+def score_columns(effect: Law) -> list[int]:
+    """The columns of a score by channel that an effect can change."""
+    return [CHANNELS.index(name) for name in channels_of(effect)]
+
+
 def rays_for(effect: Law, ev: Evidence) -> Rays:
     """The rays that an effect is fitted to. One that moves readings with the reported intensity is held against the
     intensity that was reported: the predicted one is off by more than the effect's law is wide."""
@@ -111,10 +116,11 @@ def by_reported(effect: Law) -> bool:
 
 class Objective:
     """Minus the log-likelihood of an effect's z and of the noise, as one vector x = ravel((z, noise)), with their
-    priors."""
+    priors; of the blocks with `in_fit` 1, by default of all."""
 
-    def __init__(self, effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"]):
+    def __init__(self, effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"] | None = None):
         self.effect, self.problem = effect, problem
+        in_fit = problem.ev.all_blocks if in_fit is None else in_fit
         self.rows = problem.ev.rays.row.shape[-1]
         self.rays = replace(rays_for(effect, problem.ev), basis=problem.basis)
         self.in_fit = jax.device_put(in_fit.astype(np.float32))
@@ -181,17 +187,19 @@ class Objective:
 def fit(
     effect: Law,
     problem: Problem,
-    in_fit: Float[np.ndarray, " b"],
+    in_fit: Float[np.ndarray, " b"] | None = None,
     *,
     starts: tuple[dict[str, Any], ...] | None = None,
     steps: int = CANDIDATE_STEPS,
     enough: float = ENOUGH,
     fixed: bool = False,
 ) -> Fit:
-    """Fits `effect` and the noise on the blocks with `in_fit` 1, on top of what `problem.ev.rays` already say.
+    """Fits `effect` and the noise on the blocks with `in_fit` 1, by default on all, on top of what `problem.ev.rays`
+    already say.
 
     Begins at the best of `starts` (values; by default the effect's own and neutral); `fixed` keeps the effect there.
     """
+    in_fit = problem.ev.all_blocks if in_fit is None else in_fit
     objective = Objective(effect, problem, in_fit)
     tried = ({}, *effect.starts) if starts is None else starts
     [start] = best_starts(effect, problem, tried, parts=in_fit[None])
@@ -221,13 +229,18 @@ def best_starts(
     return [starts[k] for k in np.where(np.isfinite(of_parts), of_parts, -np.inf).argmax(-1)]
 
 
-def fit_noise(problem: Problem, in_fit: Float[np.ndarray, " b"]) -> Fit:
-    """Fits the noise alone: the null, on the blocks with `in_fit` 1."""
+def fit_noise(problem: Problem, in_fit: Float[np.ndarray, " b"] | None = None) -> Fit:
+    """Fits the noise alone: the null, on the blocks with `in_fit` 1, by default on all."""
     return fit(NOTHING, problem, in_fit, steps=NULL_STEPS, enough=NULL_ENOUGH)
 
 
 def score_at(
-    effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"], *, z: dict[str, np.ndarray], noise: Noise
+    effect: Law,
+    problem: Problem,
+    in_fit: Float[np.ndarray, " b"] | None = None,
+    *,
+    z: dict[str, np.ndarray],
+    noise: Noise,
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at given values, nothing fitted."""
     _, likelihood = Objective(effect, problem, in_fit).gradient(ravel((z, noise)))
@@ -235,7 +248,7 @@ def score_at(
 
 
 def partway(
-    effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"], *, fit: Fit, share: float
+    effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"] | None = None, *, fit: Fit, share: float
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at `share` of the way from `problem`'s null to a fit.
 

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex
-from jaxsim.discover.model.noise_levels import MOST_VALUES
+from jaxsim.discover.model.cast import RayIndex
+from jaxsim.discover.model.noise_levels import MOST_VALUES, cosine_of
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.learned import hats
 from jaxsim.effects.rays import FLOOR, Scan
@@ -108,8 +108,7 @@ def few_levels(
 
 
 def _log_albedo(scan: Scan) -> Float[np.ndarray, "f r n"]:
-    cosine = np.maximum(np.cos(np.asarray(scan.incidence_rad, np.float64)), STEEPEST_COSINE)
-    return np.log(np.maximum(np.asarray(scan.intensity, np.float64), FLOOR) / cosine)
+    return np.log(np.maximum(np.asarray(scan.intensity, np.float64), FLOOR) / cosine_of(scan))
 
 
 def _ground(scan: Scan) -> Bool[np.ndarray, "f r n"]:

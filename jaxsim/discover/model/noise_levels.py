@@ -48,7 +48,7 @@ def lattice_step(values: Float[np.ndarray, " n"], *, finest: float) -> float:
     smallest = np.quantile(gaps, 0.05)
     for step in (smallest, *np.unique(gaps.round(6))[:5]):
         step = _refined(x, float(step))
-        if step > finest and _share(x, step) >= RULES.lattice_share:
+        if step > finest and np.mean(_on(x, step)) >= RULES.lattice_share:
             return step
     return 0.0
 
@@ -62,11 +62,6 @@ def _refined(x: np.ndarray, step: float) -> float:
         if few.any():
             step = float((x[few] @ k[few]) / (k[few] @ k[few]))
     return step
-
-
-def _share(x: np.ndarray, step: float) -> float:
-    """Share of the values that lie on the lattice."""
-    return float(np.mean(_on(x, step)))
 
 
 def _on(x: np.ndarray, step: float) -> Bool[np.ndarray, "*n"]:
@@ -212,7 +207,7 @@ def cosine_of(scan: Scan) -> Float[np.ndarray, "f r c"]:
 @jax.jit
 def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c"]]:
     """Rays whose neighbours to both sides go on with their surface; and rays that hit nothing between two such."""
-    left, right = shifted(scan, 1), shifted(scan, -1)
+    left, right = columns_shifted(scan, 1), columns_shifted(scan, -1)
     # A surface goes on where class, instance and, within 10 % of 1 / range, both neighbours' distances agree.
     alike = left.hit & right.hit & (left.semantic == right.semantic) & (left.instance == right.instance)
     q_left, q_right = 1 / jnp.maximum(left.range_m, 0.1), 1 / jnp.maximum(right.range_m, 0.1)
@@ -223,7 +218,7 @@ def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c
     return alike & surface, alike & ~scan.hit
 
 
-def shifted(scan: Scan, shift: int) -> Scan:
+def columns_shifted(scan: Scan, shift: int) -> Scan:
     """The scan turned by some columns; what comes in past a border hits nothing."""
     column = jnp.arange(scan.range_m.shape[2])
     inside = (column - shift >= 0) & (column - shift < len(column))
@@ -239,7 +234,7 @@ def shifted(scan: Scan, shift: int) -> Scan:
 def filled(scan: Scan) -> Scan:
     """The scan with single rays put back that it lost within a surface: between their two neighbours."""
     _, hole = neighbourhoods(scan)
-    left, right = shifted(scan, 1), shifted(scan, -1)
+    left, right = columns_shifted(scan, 1), columns_shifted(scan, -1)
     between = 2 / (1 / jnp.maximum(left.range_m, 0.1) + 1 / jnp.maximum(right.range_m, 0.1))
     return replace(
         scan,

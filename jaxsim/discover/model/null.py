@@ -17,11 +17,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import ANSWER_STEPS, ENOUGH, Chain, Fit, Problem, fit, fit_noise, in_place
+from jaxsim.discover.model.fit import ANSWER_STEPS, ENOUGH, Fit, Problem, fit, fit_noise, in_place
 from jaxsim.discover.model.likelihood import MOST_LIKELY, log_lost
 from jaxsim.discover.model.noise import START, Noise, intensity_variance, reading_variance
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals, normal_equations
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law
@@ -93,31 +93,34 @@ def _standardised(
 
 
 def standardised(
-    problem: Problem, in_fit: Float[np.ndarray, " b"]
+    problem: Problem,
 ) -> tuple[Rays, dict[str, tuple[Float[np.ndarray, "b c r"], Bool[np.ndarray, "b c r"]]]]:
-    """Rays on the host; each channel's standardised residuals and where they count."""
+    """Rays on the host; each channel's standardised residuals, all blocks being fitted, and where they count."""
     host = jax.tree.map(np.asarray, problem.ev.rays)
-    return host, {name: (residual.z, residual.counts) for name, residual in residuals(problem, in_fit).items()}
+    by_channel = residuals(problem, problem.ev.all_blocks)
+    return host, {name: (residual.z, residual.counts) for name, residual in by_channel.items()}
 
 
 def fit_null(
-    scan: Scan, ev: Evidence, in_fit: Float[np.ndarray, " b"], *, clutter: bool = False
-) -> tuple[Problem, Fit]:
-    """Fits noise scales, rates, reflectances and poses of the rays as they stand.
+    scan: Scan, ev: Evidence, in_fit: Float[np.ndarray, " b"] | None = None, *, clutter: bool = False
+) -> Problem:
+    """Fits noise scales, rates, reflectances and poses of the rays as they stand, to the blocks with `in_fit` 1, by
+    default to all.
 
     Robust weights need residuals, residuals need weights: noise and weights are fitted in turn, NULL_ROUNDS times, and
     the noise once more; then the weights stay, for all effects that are held against this null.
     """
+    in_fit = ev.all_blocks if in_fit is None else in_fit
     noise, residuals = START, first_residuals(ev)
     for _ in range(NULL_ROUNDS):
         problem = Problem(scan, ev, normal_equations(ev, noise, residuals), noise, clutter)
         noise = fit_noise(problem, in_fit).noise
         residuals = conditional_residuals(ev, problem.equations, jnp.asarray(in_fit, jnp.float32))
     problem = Problem(scan, ev, normal_equations(ev, noise, residuals), noise, clutter)
-    null = fit_noise(problem, in_fit)
+    noise = fit_noise(problem, in_fit).noise
     # Effects that cut by power see it as uncertain as it is.
-    ev = with_power_spread(ev, null.noise, implied_level(ev, problem.equations))
-    return replace(problem, ev=ev, noise=null.noise), null
+    ev = with_power_spread(ev, noise, implied_level(ev, problem.equations))
+    return replace(problem, ev=ev, noise=noise)
 
 
 def reweighted(problem: Problem, in_fit: Float[np.ndarray, " b"]) -> Problem:
@@ -126,14 +129,6 @@ def reweighted(problem: Problem, in_fit: Float[np.ndarray, " b"]) -> Problem:
     raw = normal_equations(problem.ev, problem.noise, first_residuals(problem.ev))
     off = conditional_residuals(problem.ev, raw, jnp.asarray(in_fit))
     return replace(problem, equations=normal_equations(problem.ev, problem.noise, off))
-
-
-def on_evidence(
-    scan: Scan, ev: Evidence, null: Problem, *, effects: Chain, noise: Noise, in_fit: Float[np.ndarray, " b"]
-) -> Problem:
-    """The null model's problem on other evidence, with effects in place and the noise that they leave."""
-    problem = Problem(scan, ev, null.equations, noise, null.clutter)
-    return reweighted(in_place(problem, effects, simulated=True), in_fit)
 
 
 @dataclass(frozen=True)
@@ -161,14 +156,10 @@ def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) ->
                 problem = refitted(problem)
             # Values that are read off the data (steps of rounding) stay.
             read = effect.name in FINEST
-            fitted_values = {n: np.asarray(v) for n, v in to_values(effect, values[k]).items()}
-            starts: list[tuple[dict[str, Any], ...]] = [(fitted_values,)]
+            starts: list[tuple[dict[str, Any], ...]] = [(host_values(effect, values[k]),)]
             if sweep == 0 and others and effect.starts and not read:
                 starts.append(effect.starts)
-            fits = [
-                fit(effect, problem, problem.ev.all_blocks, starts=start, steps=ANSWER_STEPS, fixed=read)
-                for start in starts
-            ]
+            fits = [fit(effect, problem, starts=start, steps=ANSWER_STEPS, fixed=read) for start in starts]
             # What says the same stays where it is: borders between rays that are looked at have no likelihood.
             result = next((other for other in fits[1:] if other.loss < fits[0].loss - ENOUGH), fits[0])
             values[k] = result.z
@@ -178,7 +169,7 @@ def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) ->
 
 def refitted(problem: Problem) -> Problem:
     """The null fitted again to the problem's rays, with the effects that are in place."""
-    return fit_null(problem.scan, problem.ev, problem.ev.all_blocks, clutter=problem.clutter)[0]
+    return fit_null(problem.scan, problem.ev, clutter=problem.clutter)
 
 
 @jax.jit

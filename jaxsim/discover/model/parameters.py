@@ -50,6 +50,11 @@ def to_values(effect: Law, z: dict[str, Array]) -> dict[str, Any]:
     return values | {name: p.neutral + p.scale * z[name] for name, p in fitted_parameters(effect).items()}
 
 
+def host_values(effect: Law, z: dict[str, Array]) -> dict[str, Any]:
+    """All parameters in their units as arrays on the host, at which another fit can begin."""
+    return {name: np.asarray(value) for name, value in to_values(effect, z).items()}
+
+
 def to_z(effect: Law, values: dict[str, Any], rows: int, *, dtype: type = np.float32) -> dict[str, np.ndarray]:
     """The z of `values`; parameters that they do not name are neutral, and one number stands for all beams."""
     z = {}

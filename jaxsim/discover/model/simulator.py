@@ -18,7 +18,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import RayIndex, Surfaces
-from jaxsim.discover.model.contrast import FEWEST_OF_CLASS, class_trend, contrast_of
+from jaxsim.discover.model.contrast import class_trend, contrast_of
 from jaxsim.discover.model.noise_levels import BINS, Levels, cosine_of, filled, lattices_of, noise_levels
 from jaxsim.discover.model.smooth import Smooth, Smoothing, smooth_frames
 from jaxsim.discover.rules import RULES
@@ -72,6 +72,11 @@ class Meant:
     """None where intensities are not noisy."""
     free_contrast: bool = False
     """Whether how far the sensor follows the contrast of intensities without noise is left to a nuisance."""
+
+    @classmethod
+    def as_said(cls, scan: Scan) -> Meant:
+        """A simulator without noise, which means what it says."""
+        return cls(scan, lattices_of(scan), Levels())
 
     @property
     def noisy(self) -> bool:
@@ -162,12 +167,10 @@ class AtRays:
 
 
 def at_rays(
-    scan: Scan, index: RayIndex, *, surfaces: Surfaces, given_rad: Float[Array, "f r n"], simulator: Meant | None
+    scan: Scan, index: RayIndex, *, surfaces: Surfaces, given_rad: Float[Array, "f r n"], simulator: Meant
 ) -> AtRays:
-    """What is known of the simulator's own noise, at the rays of `index`; a simulator without any (None) means what it
-    says."""
-    noise = lattices_of(scan) if simulator is None else simulator.noise
-    ranges = None if simulator is None else simulator.ranges
+    """What is known of the simulator's own noise, at the rays of `index`."""
+    noise, ranges = simulator.noise, simulator.ranges
     nothing = np.zeros((1, 1, 1), np.float32)
     simulated = AtRays(
         detail=None,
@@ -179,11 +182,9 @@ def at_rays(
         trusted=nothing == 0,
         log_kept=np.float32(np.log1p(-noise.loss)),
         step=np.array([noise.intensity_step, noise.range_step_m], np.float32),
-        constant=np.float32(0.0 if simulator is None else simulator.measured_noise.intensity),
+        constant=np.float32(simulator.measured_noise.intensity),
         own_constant=np.float32(noise.intensity),
     )
-    if simulator is None:
-        return simulated
     if simulator.intensities is None:
         free = simulator.free_contrast
         return replace(simulated, detail=contrast_of(scan, index, given_rad=given_rad)) if free else simulated
@@ -235,7 +236,7 @@ def reliability(
     share = np.zeros(detail.shape, np.float32)
     for kind in np.unique(semantic[where]):
         of = where & (semantic == kind)
-        if of.sum() < FEWEST_OF_CLASS:
+        if of.sum() < RULES.fewest_of_class:
             continue
         # Noise hides more of dark surfaces than of bright ones: one share for all would leave both wrong.
         order = np.argsort(level[of])

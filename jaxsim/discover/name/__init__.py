@@ -6,6 +6,6 @@ select         one effect after another, as long as each gains more than the bar
 unexplained    free curves, for what no effect describes
 other_sides    the sides exchanged, and the control's frames: what is found there too is not said
 each_class     what surfaces of one class alone say of an effect, and all others deny, is not said
-nulls          measurements in which nothing is missing, which set the bar
+null_draws     measurements in which nothing is missing, which set the bar
 answer         which of the three answers it is
 """

@@ -2,44 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-from jaxtyping import Int
 
 from jaxsim.discover.covariates import Dependence, spelled
-from jaxsim.discover.find import localise
+from jaxsim.discover.find import dependences_of
 from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import standardised
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.each_class import denied_without, shown_by
-from jaxsim.discover.name.nulls import run_nulls
+from jaxsim.discover.name.null_draws import draw_nulls
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
-from jaxsim.discover.verdict import Nulls, Unexplained
+from jaxsim.discover.verdict import NullDraws, Unexplained
 from jaxsim.effects import Effect, Law
 from jaxsim.effects.effect import CHANNELS
 
 Along = tuple[str, str]
 """A free curve's channel and covariate."""
 
-Curve = tuple[Dependence, Candidate]
+FreeCurve = tuple[Dependence, Candidate]
 """A free curve, and along what it runs."""
-LeavesNothing = Callable[[Curve, Sequence[Law], float], bool]
+LeavesNothing = Callable[[FreeCurve, Sequence[Law], float], bool]
 """Whether the law of a free curve, in place, leaves effects nothing to say that passes a bar."""
 
 SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before what is simulated"
 DENIED = "all other surfaces speak against it, without those of"
 """Followed by a class's name, and the next by one or more."""
 SHOWN_BY = "none but these surfaces show it, of which one side alone has some:"
-SHOWN_ELSEWHERE = (EXCHANGED, CONTROL, SCARCE)
+SHOWN_ELSEWHERE = {
+    EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
+    CONTROL: "what the simulator lacks by itself, and nothing new",
+    SCARCE: "what a beam of some width does on thin things, which a simulator that casts single rays misses",
+}
+"""What it means that something was found which is not said, by why."""
+NEGLIGIBLE = f"less than {RULES.negligible:.0%} of what is clearly visible"
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 
 
@@ -52,21 +55,32 @@ class Answer:
     choice: Choice
     unexplained: Unexplained | None
     """What a free curve still finds."""
-    nulls: Nulls | None = None
+    nulls: NullDraws | None = None
     """Where the bar was set on nulls of these very data."""
-    curve: tuple[Dependence, Candidate] | None = None
+    curve: FreeCurve | None = None
     """The free curve behind `unexplained`, fitted on top of what is chosen."""
     unasked: tuple[Along, ...] = ()
     """Free curves that are not asked: those that nobody should ask of these sides, and those that are found on
     other sides as well."""
     elsewhere: tuple[tuple[str, str], ...] = ()
     """All that was found, and is not said for one of SHOWN_ELSEWHERE, in words, and why."""
-    unfounded: tuple[str, ...] = ()
-    """Effects that were found, and are not said because neighbouring readings do not bear them out."""
-    denied: tuple[tuple[str, str], ...] = ()
-    """Effects that were found, and are not said because one class alone shows them, and why."""
     unconfirmed: tuple[str, ...] = ()
     """Free curves that scenes to which they were not fitted do not gain by, in words."""
+
+    @property
+    def unfounded(self) -> tuple[str, ...]:
+        """The effects that were found, and are not said because neighbouring readings do not bear them out."""
+        return tuple(name for name, why in self.choice.refused.items() if why == UNFOUNDED)
+
+    @property
+    def negligible(self) -> tuple[str, ...]:
+        """The effects that were found, and are not said because they are too small to matter."""
+        return tuple(name for name, why in self.choice.refused.items() if why == NEGLIGIBLE)
+
+    @property
+    def denied(self) -> tuple[tuple[str, str], ...]:
+        """The effects that were found, and are not said because one class alone shows them, and why."""
+        return tuple((name, why) for name, why in self.choice.refused.items() if why.startswith((DENIED, SHOWN_BY)))
 
 
 def name_effects(
@@ -74,7 +88,6 @@ def name_effects(
     catalogue: Sequence[Effect],
     dependences: Sequence[Dependence],
     *,
-    scene: Int[np.ndarray, " b"],
     nulls: int = 0,
     without: Sequence[str] = (),
     unasked: Sequence[Along] = (),
@@ -85,28 +98,36 @@ def name_effects(
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
-    dependences, say more. `scene` is that of each block.
+    dependences, say more.
 
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`,
     and none of `unasked`.
     What `others` show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
-    control's frames. They are asked where anything is found. Noise that grows as echoes weaken is said where that of
+    control's frames. They are asked where anything is found. So is what is too small to matter: frames enough show
+    a five-thousandth of the range. Noise that grows as echoes weaken is said where that of
     neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces. What one class
     alone shows is not said (`denied_without`; `shown_by`, of classes that are `apart`). `leaves_nothing` tells whether
     a free curve's law leaves effects nothing to say.
     """
 
+    def reasons(step: FittedStep, beside: Problem) -> Iterator[str]:
+        effect = step.chosen.effect
+        yield from (sides.why for other in others if (sides := other()).has(step, null))
+        if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
+            yield SCARCE
+        if effect.name not in FINEST and step.chosen.size < RULES.negligible:
+            yield NEGLIGIBLE
+        if effect.name == "range_noise" and not noise_grows():
+            yield UNFOUNDED
+        if alone := denied_without(step, beside):
+            yield f"{DENIED} {alone}"
+        if alone := shown_by(step, beside, apart):
+            yield f"{SHOWN_BY} {alone}"
+
     def refuse(step: FittedStep, beside: Problem) -> str:
-        why = next((sides.why for other in others if (sides := other()).has(step, null)), "")
-        if not why and step.chosen.effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
-            why = SCARCE
-        if not why and step.chosen.effect.name == "range_noise" and not noise_grows():
-            why = UNFOUNDED
-        if not why and (alone := denied_without(step, beside)):
-            why = f"{DENIED} {alone}"
-        if not why and (alone := shown_by(step, beside, apart)):
-            why = f"{SHOWN_BY} {alone}"
+        # The first decides: what is asked later is not asked any more.
+        why = next(reasons(step, beside), "")
         if why:
             log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, not said: {why}")
         return why
@@ -114,21 +135,20 @@ def name_effects(
     choice = choose(null, catalogue, refuse=refuse, log=log)
     drawn = None
     if nulls:
-        drawn = run_nulls(null, choice.problem, catalogue, scene=scene, count=nulls, log=log)
-        scenes = len(np.unique(scene))
+        drawn = draw_nulls(null, choice.problem, catalogue, count=nulls, log=log)
+        scenes = len(np.unique(null.ev.scene))
         # Nulls give their bars a scene; a choice sums over scenes.
         bars = Bars(drawn.bar * scenes, drawn.free_bar * scenes)
         log(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
         raised = bars.effect > RULES.bar_nats
         choice = choose(null, catalogue, bars=bars, refuse=refuse, log=log) if raised else replace(choice, bars=bars)
     passed: list[tuple[Along, str]] = []
-    of_null: dict[str, Any] = {"dependences": dependences, "scene": scene, "without": without}
-    decided = partial(decide, null, **of_null, leaves_nothing=leaves_nothing)
+    decided = partial(decide, null, dependences=dependences, without=without, leaves_nothing=leaves_nothing)
     answer = decided(choice, but=unasked)
     # The strongest may be found elsewhere and the next one not: curves are struck off one by one.
     while answer.curve and (why := _elsewhere(others, answer.choice.problem, answer.curve)):
         passed.append(((answer.curve[0].channel, answer.curve[0].covariate), why))
-        log(f"{in_words(passed[-1][0])}, not said: {why}")
+        log(f"{curve_in_words(passed[-1][0])}, not said: {why}")
         # Effects that say less than what the simulator lacks by itself are part of that.
         choice = answer.choice if why == CONTROL else choice
         answer = decided(choice, but=(*unasked, *(along for along, _ in passed)))
@@ -137,9 +157,7 @@ def name_effects(
         answer,
         nulls=drawn,
         unasked=(*unasked, *(along for along, _ in passed)),
-        elsewhere=(*effects, *((in_words(along), why) for along, why in passed)),
-        unfounded=tuple(name for name, why in choice.refused.items() if why == UNFOUNDED),
-        denied=tuple((name, why) for name, why in choice.refused.items() if why.startswith((DENIED, SHOWN_BY))),
+        elsewhere=(*effects, *((curve_in_words(along), why) for along, why in passed)),
     )
 
 
@@ -149,7 +167,7 @@ def clutter_of(null: Problem, step: FittedStep) -> float:
     return float(np.mean(np.asarray(rays.clutter) - np.asarray(null.ev.rays.clutter)))
 
 
-def _elsewhere(others: Sequence[Callable[[], OtherSides]], problem: Problem, curve: Curve) -> str:
+def _elsewhere(others: Sequence[Callable[[], OtherSides]], problem: Problem, curve: FreeCurve) -> str:
     """Why a free curve that was fitted to a problem is not said; empty where no other sides show it."""
     return next((sides.why for other in others if (sides := other()).has_curve(problem, *curve)), "")
 
@@ -164,11 +182,11 @@ def without_curve(answer: Answer) -> Answer:
         verdict="named" if answer.choice.steps else "none",
         unexplained=None,
         curve=None,
-        unconfirmed=(*answer.unconfirmed, in_words(along)),
+        unconfirmed=(*answer.unconfirmed, curve_in_words(along)),
     )
 
 
-def in_words(along: Along) -> str:
+def curve_in_words(along: Along) -> str:
     return f"{along[0]} along {spelled(along[1])}"
 
 
@@ -177,7 +195,6 @@ def decide(
     choice: Choice,
     dependences: Sequence[Dependence],
     *,
-    scene: Int[np.ndarray, " b"],
     without: Sequence[str] = (),
     but: Sequence[Along] = (),
     leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
@@ -188,7 +205,7 @@ def decide(
     named: what is there is not in the catalogue. Effects of other channels stay, and so does a lattice, which was read
     off the readings and is there whatever else is. Curves of the channels `without`, and those of `but`, are not asked.
     """
-    free = asked(free_curves(null, dependences, without, bar=choice.bars.free), but)
+    free = without_unasked(free_curves(null, dependences, without, bar=choice.bars.free), but)
     curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     outside = None
     if curves:
@@ -204,10 +221,10 @@ def decide(
             choice = replace(choice, steps=steps, problem=with_steps(null, steps))
     if not choice.steps:
         return Answer("none", choice, None)
-    return named_answer(choice, scene=scene, without=without, but=but)
+    return named_answer(choice, without=without, but=but)
 
 
-def pieced(choice: Choice, curve: Curve, leaves_nothing: LeavesNothing) -> bool:
+def pieced(choice: Choice, curve: FreeCurve, leaves_nothing: LeavesNothing) -> bool:
     """Whether several effects of a channel piece together what a free curve says alone: with its law in place none of
     them is accepted any more."""
     dependence, fit = curve
@@ -218,7 +235,7 @@ def pieced(choice: Choice, curve: Curve, leaves_nothing: LeavesNothing) -> bool:
     return len(pieces) >= RULES.curve_pieces and much and leaves_nothing(curve, pieces, choice.bars.effect)
 
 
-def asked(curves: Sequence[tuple[Dependence, Candidate]], but: Sequence[Along]) -> list[tuple[Dependence, Candidate]]:
+def without_unasked(curves: Sequence[FreeCurve], but: Sequence[Along]) -> list[FreeCurve]:
     return [(along, curve) for along, curve in curves if (along.channel, along.covariate) not in but]
 
 
@@ -231,14 +248,12 @@ def stands(step: FittedStep, channel: str) -> bool:
     return channel not in effect.channels or mostly or effect.name in FINEST
 
 
-def named_answer(
-    choice: Choice, *, scene: Int[np.ndarray, " b"], without: Sequence[str] = (), but: Sequence[Along] = ()
-) -> Answer:
+def named_answer(choice: Choice, *, without: Sequence[str] = (), but: Sequence[Along] = ()) -> Answer:
     """What is chosen, and what a free curve still finds beside it, of other channels than those `without`, and none of
     `but`."""
-    after = localise(*standardised(choice.problem, choice.problem.ev.all_blocks), scene)
+    after = dependences_of(choice.problem)
     # What effects explain is gone from these residuals, so that a curve here is none of them.
-    free = asked(free_curves(choice.problem, after, without, bar=choice.bars.free), but)
+    free = without_unasked(free_curves(choice.problem, after, without, bar=choice.bars.free), but)
     rest = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     if not rest:
         return Answer("named", choice, None)

@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, best_starts, channels_of, fit, partway, score_at
+from jaxsim.discover.model.fit import Fit, Problem, best_starts, fit, partway, score_at, score_columns
 from jaxsim.discover.model.likelihood import rounded, rounding_gain
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.parameters import fitted_parameters
+from jaxsim.discover.model.parameters import fitted_parameters, to_values
 from jaxsim.discover.name.starts import starts_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, p_value
@@ -96,6 +97,17 @@ class Candidate:
         return not self.smooth_is_enough and self.total > bar and self.scenes_agree
 
     @property
+    def fitted_values(self) -> tuple[dict[str, Any], ...]:
+        """Its parameters as each fold's fit has them: where fits to all scenes begin, which need not search anew."""
+        return tuple(to_values(self.effect, of_fold.z) for of_fold in self.fits)
+
+    @property
+    def size(self) -> float:
+        """How large it is at the most: the largest of its numbers, of all folds, from where it does nothing, in what
+        is clearly visible (`Parameter.scale`)."""
+        return max((float(np.abs(value).max()) for of_fold in self.fits for value in of_fold.z.values()), default=0.0)
+
+    @property
     def numbers(self) -> int:
         """How many numbers its fit chose."""
         return sum(np.size(value) for value in self.fits[0].z.values())
@@ -120,7 +132,7 @@ def rank_effects(
     starts_read = starts_of(problem)
 
     def candidate(effect: Law) -> Candidate:
-        used = [CHANNELS.index(name) for name in channels_of(effect)]
+        used = score_columns(effect)
         gain = np.zeros((scenes, 3))
         slope = np.zeros(scenes)
         over_smooth = np.zeros((2, scenes)) if by_beam(effect) else None

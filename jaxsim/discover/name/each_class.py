@@ -18,13 +18,12 @@ from jaxtyping import Bool, Float
 
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import NOTHING, Problem, channels_of, fit, fit_noise, score_at
+from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, score_at, score_columns
 from jaxsim.discover.model.null import reweighted
-from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
-from jaxsim.effects.effect import CHANNELS
 
 
 def denied_without(step: FittedStep, problem: Problem) -> str:
@@ -33,16 +32,14 @@ def denied_without(step: FittedStep, problem: Problem) -> str:
     effect, fitted = step.chosen.effect, step.fit
     if effect.casts:
         return ""
-    used = [CHANNELS.index(name) for name in channels_of(effect)]
-    every = problem.ev.all_blocks
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
     kinds, counts = np.unique(semantic[hit], return_counts=True)
     shares = counts / max(counts.sum(), 1)
     for kind in kinds[(shares >= RULES.class_least_share) & (shares <= 1 - RULES.class_least_share)]:
         rest = replace(problem, ev=leaving_out(problem.ev, semantic == kind))
-        with_effect = score_at(effect, rest, every, z=fitted.z, noise=fitted.noise)
-        without = score_at(NOTHING, rest, every, z={}, noise=problem.noise)
-        if (with_effect - without)[:, used].sum() >= 0:
+        with_effect = score_at(effect, rest, z=fitted.z, noise=fitted.noise)
+        without = score_at(NOTHING, rest, z={}, noise=problem.noise)
+        if (with_effect - without)[:, score_columns(effect)].sum() >= 0:
             continue
         lost = clipped(-gained(step, rest))
         if lost.sum() > RULES.bar_nats and p_value(lost) <= RULES.denied_level:
@@ -65,13 +62,11 @@ def shown_by(step: FittedStep, problem: Problem, classes: Sequence[int]) -> str:
 
 def gained(step: FittedStep, rest: Problem) -> Float[np.ndarray, " s"]:
     """What an effect gains in each scene of a part of the rays to all of which it was fitted, nats."""
-    effect, every = step.chosen.effect, rest.ev.all_blocks
-    used = [CHANNELS.index(name) for name in channels_of(effect)]
-    values = {name: np.asarray(value) for name, value in to_values(effect, step.fit.z).items()}
+    effect = step.chosen.effect
     # Noise that was fitted to all surfaces may be too much or too little for these: it is fitted to them.
-    rest = reweighted(rest, every)
-    placed = fit(effect, rest, every, starts=(values,), fixed=True)
-    return rest.ev.by_scene((placed.score - fit_noise(rest, every).score)[:, used].sum(-1))
+    rest = reweighted(rest, rest.ev.all_blocks)
+    placed = fit(effect, rest, starts=(host_values(effect, step.fit.z),), fixed=True)
+    return rest.ev.by_scene((placed.score - fit_noise(rest).score)[:, score_columns(effect)].sum(-1))
 
 
 def leaving_out(ev: Evidence, out: Bool[np.ndarray, "b c r"]) -> Evidence:

@@ -30,7 +30,7 @@ from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Fit, Problem, channels_of, fit, fit_noise, partway
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import implied_level
-from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.read import Comparison
@@ -60,7 +60,7 @@ class OtherSides:
     def of_control(cls, comparison: Comparison) -> OtherSides:
         """The control's frames, with what was named of them in place."""
         null = NullModel.of(Division.of(comparison))
-        return cls(null, fit_noise(null.problem, null.problem.ev.all_blocks), frozenset(CHANNELS), CONTROL)
+        return cls(null, fit_noise(null.problem), frozenset(CHANNELS), CONTROL)
 
     @classmethod
     def exchanged(cls, comparison: Comparison, null: NullModel) -> OtherSides:
@@ -69,15 +69,13 @@ class OtherSides:
         division = null.division
         turned = Division.of(exchange(comparison, division), chosen=division.blocks, parts=division.parts)
         other = NullModel.of(turned)
-        noise = fit_noise(other.problem, other.problem.ev.all_blocks)
-        return cls(other, noise, alike(division, null.problem), EXCHANGED)
+        return cls(other, fit_noise(other.problem), alike(division, null.problem), EXCHANGED)
 
     def shows(self, law: Law, values: dict[str, np.ndarray], of: Candidate, *, there: Problem, here: Problem) -> bool:
         """Whether a law with the values that a candidate was fitted to `there` is found here as well; both problems are
         those of nulls, whose rays may carry a basis."""
         # The values stay as they are: only the noise is fitted to these sides.
-        in_fit = here.ev.all_blocks
-        placed = fit(law, here, in_fit, starts=(values,), fixed=True)
+        placed = fit(law, here, starts=(values,), fixed=True)
         used = [CHANNELS.index(name) for name in channels_of(law) if name in self.channels]
 
         def by_scene(score: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " s"]:
@@ -91,16 +89,15 @@ class OtherSides:
         if self.why != CONTROL or of.sudden or law.name in FINEST:
             return False
         begun = replace(here, noise=self.fit.noise)
-        slope = by_scene(partway(law, begun, in_fit, fit=placed, share=RULES.direction_share))
-        return not clearly_more(of.slope / rays_of(there), slope / rays_of(here))
+        slope = by_scene(partway(law, begun, fit=placed, share=RULES.direction_share))
+        return not clearly_more(of.slope / rays_by_scene(there), slope / rays_by_scene(here))
 
     def has(self, step: FittedStep, there: Problem) -> bool:
         """Whether an effect that was chosen of a problem is found here as well."""
         effect = step.chosen.effect
         if self.channels.isdisjoint(effect.channels):
             return False
-        values = {name: np.asarray(value) for name, value in to_values(effect, step.fit.z).items()}
-        return self.shows(effect, values, step.chosen, there=there, here=self.null.problem)
+        return self.shows(effect, host_values(effect, step.fit.z), step.chosen, there=there, here=self.null.problem)
 
     def has_curve(self, fitted_to: Problem, along: Dependence, curve: Candidate) -> bool:
         """Whether a free curve is found here as well."""
@@ -108,7 +105,7 @@ class OtherSides:
             return False
         name = along.covariate
         known = values_along(fitted_to, name)
-        fits = [np.asarray(to_values(curve.effect, of_fold.z)["height"]) for of_fold in curve.fits]
+        fits = [np.asarray(values["height"]) for values in curve.fitted_values]
         height = fixed_basis(known, name) @ np.mean(fits, axis=0)
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
         order = np.argsort(known, kind="stable")
@@ -127,7 +124,7 @@ def clearly_more(there: Float[np.ndarray, " s"], here: Float[np.ndarray, " t"]) 
     return chance <= RULES.control_level
 
 
-def rays_of(problem: Problem) -> Float[np.ndarray, " s"]:
+def rays_by_scene(problem: Problem) -> Float[np.ndarray, " s"]:
     """Rays that each scene of a problem holds: what its scenes say grows with them."""
     return problem.ev.by_scene(np.asarray(problem.ev.rays.hit).sum((1, 2)).astype(float))
 

@@ -17,7 +17,6 @@ from jaxtyping import Float
 from jaxsim.discover.model.fit import Fit, Problem, fit, in_place
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import refit, refitted
-from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
@@ -285,8 +284,7 @@ def fitted_step(
     no_better = [candidate for candidate in good if candidate is not best and candidate.total <= best.total]
     alike = tuple(c for c in no_better if not worse(c, best) and not much_richer(c, best))
     # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.
-    starts = tuple(to_values(best.effect, of_fold.z) for of_fold in best.fits)
-    result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts, fixed=best.effect.name in FINEST)
+    result = fit(best.effect, problem, starts=best.fitted_values, fixed=best.effect.name in FINEST)
     return FittedStep(best, alike, tuple(ranking), result)
 
 

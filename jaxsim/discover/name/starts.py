@@ -20,16 +20,12 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.places import longest_run, spans_turn, within_turn
 
-PAST_M = (0.02, 0.05, 0.1)
-"""How far past a border between lost and returned rays a gate may lie."""
 BIN_RAD = np.deg2rad(1.0)
-"""Width of the bins of azimuth in which a hidden sector is looked for."""
+"""Width of the bins of azimuth in which a hidden sector is looked for; its borders are then told by single rays."""
 TURN_BINS = 360
 """Bins of a turn."""
 SLICE_M = 0.02
 """Slices of the range in which a wave is looked for: a sixth of the shortest."""
-WAVES = 3
-"""Waves of different lengths that fits begin at."""
 
 Start = dict[str, float]
 
@@ -70,14 +66,14 @@ def _gate(problem: Problem) -> tuple[Start, ...]:
         score = score[: int(np.argmax(score < -RULES.gate_nats)) or None]  # returns have begun
         if len(score) and score.max() > RULES.gate_nats:
             border = float(r[order][int(score.argmax())])
-            starts += [{name: border + sign * past} for past in PAST_M]
+            starts += [{name: border + sign * past} for past in RULES.gate_past_m]
     return tuple(starts)
 
 
 def _sector(problem: Problem) -> tuple[Start, ...]:
     """Sectors in which nearly every ray is lost, of all rows and of those below the elevation up to which one is told
     best."""
-    cells = Cells.of(problem)
+    cells = GridCells.of(problem)
     if not len(cells.hits):
         return ()
     closed = bool(spans_turn(problem.scan.grid))
@@ -90,7 +86,7 @@ def _sector(problem: Problem) -> tuple[Start, ...]:
 
 
 @dataclass(frozen=True)
-class Cells:
+class GridCells:
     """Cells of the grid in which any ray of the frames hits something: fits look at few columns of a frame, and the
     borders of a sector lie anywhere between two of these."""
 
@@ -100,7 +96,7 @@ class Cells:
     lost: Int[np.ndarray, " n"]
 
     @classmethod
-    def of(cls, problem: Problem) -> Cells:
+    def of(cls, problem: Problem) -> GridCells:
         """The cells of a problem's frames."""
         hits, lost = np.asarray(problem.ev.cell_hits), np.asarray(problem.ev.cell_lost)
         grid = problem.scan.grid
@@ -109,9 +105,9 @@ class Cells:
         seen = hits > 0
         return cls(azimuth[seen], elevation[seen], hits[seen], lost[seen])
 
-    def where(self, keep: Bool[np.ndarray, " n"]) -> Cells:
+    def where(self, keep: Bool[np.ndarray, " n"]) -> GridCells:
         """Some of the cells."""
-        return Cells(self.azimuth[keep], self.elevation[keep], self.hits[keep], self.lost[keep])
+        return GridCells(self.azimuth[keep], self.elevation[keep], self.hits[keep], self.lost[keep])
 
     @property
     def nats(self) -> Float[np.ndarray, " n"]:
@@ -125,7 +121,7 @@ def _bins(azimuth: Float[np.ndarray, " n"], *, closed: bool) -> Int[np.ndarray, 
     return bins % TURN_BINS if closed else bins - bins.min()
 
 
-def _hidden_below(cells: Cells, *, closed: bool) -> float | None:
+def _hidden_below(cells: GridCells, *, closed: bool) -> float | None:
     """The elevation below which bins of azimuth are hidden most surely; None where it is no row's, or nothing is."""
     azimuth_bin = _bins(cells.azimuth, closed=closed)
     rows, at = np.unique(cells.elevation, return_inverse=True)
@@ -141,7 +137,7 @@ def _hidden_below(cells: Cells, *, closed: bool) -> float | None:
     return float(rows[best : best + 2].mean())
 
 
-def _hidden(cells: Cells, *, closed: bool) -> tuple[Start, ...]:
+def _hidden(cells: GridCells, *, closed: bool) -> tuple[Start, ...]:
     """The longest run of bins of azimuth in which nearly every ray is lost, up to the rays at its borders, and sectors
     about as wide; nothing where no bin is hidden."""
     azimuth = cells.azimuth
@@ -197,7 +193,7 @@ def _wave(problem: Problem) -> tuple[Start, ...]:
     known = EFFECTS["cyclic_range_error"].parameters["cycles_per_m"]
     power = np.where((cycles >= known.low) & (cycles <= known.high), power, 0)
     starts: list[Start] = []
-    for _ in range(WAVES):
+    for _ in range(RULES.waves_tried):
         best = int(power.argmax())
         # A start is none of its neighbours' again.
         power[max(best - 2, 0) : best + 3] = 0
@@ -214,7 +210,7 @@ def _wave(problem: Problem) -> tuple[Start, ...]:
 
 def sector_between(problem: Problem, values: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Between which values the parameters of a hidden sector lie, by the cells next to its borders."""
-    cells = Cells.of(problem)
+    cells = GridCells.of(problem)
     away = within_turn(cells.azimuth - float(values["azimuth_rad"]))
     low, inside = cells.elevation < float(values["below_rad"]), np.abs(away) < float(values["width_rad"]) / 2
     right = _border(away[low & (away >= 0)], cells.nats[low & (away >= 0)])

@@ -26,14 +26,14 @@ from jaxsim.discover.covariates import (
     with_basis,
 )
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import attainable, fold_half_width
+from jaxsim.discover.scenes import attainable
 from jaxsim.discover.verdict import Unexplained
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.learned import OFFSET, TURNING
 from jaxsim.effects.rays import TURN
+from jaxsim.metrics.intervals import jackknife_half_width
 
 X_WORDS = {
     "range": "ln of range in m",
@@ -95,10 +95,10 @@ def _varies(problem: Problem, covariate: str) -> bool:
 
 def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
     """The curve over its covariate, its character, and a closed formula that comes near it."""
-    x, grid, basis, heights = written_down(problem, dependence, candidate)
+    x, grid, basis, heights = at_knots(problem, dependence, candidate)
     # The height at a knot is the mean over fits that left a fold out each; their scatter gives the band.
     curves = heights @ basis.T
-    y, band = curves.mean(0), fold_half_width(curves)
+    y, band = curves.mean(0), jackknife_half_width(curves)
     # A knot counts for the rays about it; the 1 keeps knots without any from being free.
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
     # A few rays far off do not make a bend of the others a wave.
@@ -119,7 +119,7 @@ def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidat
     )
 
 
-class Written(NamedTuple):
+class CurveAtKnots(NamedTuple):
     """A free curve of m numbers, fitted with each of f folds left out, at k knots, from n values of its covariate."""
 
     x: Float[np.ndarray, " n"]
@@ -130,7 +130,7 @@ class Written(NamedTuple):
     numbers: Float[np.ndarray, "f m"]
 
 
-def written_down(problem: Problem, dependence: Dependence, curve: Candidate) -> Written:
+def at_knots(problem: Problem, dependence: Dependence, curve: Candidate) -> CurveAtKnots:
     """A free curve that was fitted to a problem's rays, at its knots."""
     x = values_along(problem, dependence.covariate)
     knots = np.unique(x)
@@ -138,16 +138,12 @@ def written_down(problem: Problem, dependence: Dependence, curve: Candidate) -> 
         knots = np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
     # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
     basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
-    numbers = np.stack([np.asarray(to_values(curve.effect, of_fold.z)["height"]) for of_fold in curve.fits])
-    return Written(x, knots, basis, numbers)
+    numbers = np.stack([np.asarray(values["height"]) for values in curve.fitted_values])
+    return CurveAtKnots(x, knots, basis, numbers)
 
 
 LETTER = {"intensity": "Δ ln I", OFFSET: "Δ I", "range": "Δ r", "drop": "p(drop)"}
 """What a curve of each change is the height of."""
-CYCLES = np.arange(2.0, 8.01, 0.25)
-"""Cycles of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
-CYCLES_OF_TURN = np.arange(1.0, 8.5)
-"""The same of a curve that closes, in a turn: what runs round the sensor once is a wave, too."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +177,10 @@ def shape_of(
         return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
 
     closed = dependence.covariate in TURNING and float(x[-1] - x[0]) > RULES.whole_turn * TURN
-    turns = CYCLES_OF_TURN if closed else CYCLES * TURN / (span or float(x[-1] - x[0]) or 1.0)
+    fewest, most = RULES.wave_cycles
+    # A curve that closes has whole cycles; of others quarters are near enough.
+    cycles = np.arange(fewest, most + 0.01, 0.25) * TURN / (span or float(x[-1] - x[0]) or 1.0)
+    turns = np.arange(1.0, most + 0.5) if closed else cycles
     shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight, turns=turns)]
     best = min(shapes, key=unexplained)
     if unexplained(best) < RULES.shape_unlike:

@@ -5,7 +5,7 @@ anew. Where regions run through every scene (sectors), each scene's contrast is 
 signs. Either way the best of a question's regions is held against the best under each draw (max-T), which pays for
 having looked at all. (`find` keeps false discoveries rare over all questions.)
 
-    ask             a question about an effect that is named, by its cells
+    best_region     a question about an effect that is named, by its cells
     scenes_by_size  drives that only their own readings tell apart: some have the effect, others have not
     disputed        candidates that no test over all scenes accepts: an effect in half of the scenes gains there and
                     loses elsewhere, but the scenes on which it gains lie on one side of a moment, or share a tag. Rates
@@ -35,7 +35,7 @@ class FoundRegion(NamedTuple):
     p_value: float
 
 
-def ask(question: Question, of: Cells, scene: Int[np.ndarray, " b"]) -> FoundRegion:
+def best_region(question: Question, of: Cells, scene: Int[np.ndarray, " b"]) -> FoundRegion:
     """The best region and how often chance makes some region of the question as good."""
     whole = question.between_scenes(scene)
     if whole is None:

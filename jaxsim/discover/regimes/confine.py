@@ -13,7 +13,6 @@ from jaxsim.discover.division import AllScenes
 from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
 from jaxsim.discover.model.likelihood import log_likelihood
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, much_richer, worse
 from jaxsim.discover.regimes.questions import Facts, arc, cells_of
@@ -57,9 +56,9 @@ def confine(
     laws = []
     for candidate in plain.values():
         # Fits begin where those to all scenes ended, too: there borders between all and nothing were found already.
-        ended = tuple(to_values(candidate.effect, each.z) for each in candidate.fits)
-        laws.append(replace(within(candidate.effect, region, frames), starts=(*candidate.effect.starts, *ended)))
-    ranked = rank_effects(problem, laws, null=problem.null_fits)
+        starts = (*candidate.effect.starts, *candidate.fitted_values)
+        laws.append(replace(within(candidate.effect, region, frames), starts=starts))
+    ranked = rank_effects(problem, laws)
     first = next(candidate for candidate in ranked if candidate.effect.plain_name == next(iter(plain)))
     # The name that was given to all scenes stays unless another is clearly better here.
     best = next((candidate for candidate in ranked if candidate is first or worse(first, candidate)), first)
@@ -67,8 +66,7 @@ def confine(
     advantage = float(clipped(best.by_scene - everywhere.by_scene).sum())
     if best.total <= RULES.bar_nats or advantage < RULES.regime_nats:
         return None
-    starts = tuple(to_values(best.effect, of_fold.z) for of_fold in best.fits)
-    result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts)
+    result = fit(best.effect, problem, starts=best.fitted_values)
     alike = tuple(c for c in ranked if c is not best and c.total > RULES.bar_nats and not worse(c, best))
     alike = tuple(c for c in alike if not much_richer(c, best))
     step = FittedStep(best, alike, tuple(ranking), result)

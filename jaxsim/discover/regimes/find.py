@@ -18,7 +18,7 @@ from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
 from jaxsim.discover.read.control import NO_CONTROL
-from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_discovery_rates, scenes_by_size
+from jaxsim.discover.regimes.chance import FoundRegion, best_region, disputed, false_discovery_rates, scenes_by_size
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
 from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells_of, questions
 from jaxsim.discover.rules import RULES
@@ -31,7 +31,7 @@ OF_FIT = "of the fit inside"
 """Unit of sizes."""
 
 
-class Placed(NamedTuple):
+class Sized(NamedTuple):
     """An effect in its region, with its sizes in units of the fit there."""
 
     confined: Confined
@@ -85,9 +85,9 @@ def _size(of: Cells, facts: Facts) -> Interval:
     return Interval(float(top.sum() / bottom.sum()), *ratio_interval(top, bottom), OF_FIT)
 
 
-def regime_of(placed: Placed, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:
+def regime_of(sized: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
-    confined, divides = placed.confined, lead.finding.question.divides
+    confined, divides = sized.confined, lead.finding.question.divides
     whole = _cells(confined.plain, confined.problem, confined, facts=facts)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
     columns = np.asarray(confined.region.in_sector(azimuth))
@@ -110,8 +110,8 @@ def regime_of(placed: Placed, lead: Lead, judge_nats: float, *, facts: Facts) ->
         divides=divides,
         where=confined.region,
         share=float(confined.frames.mean() * columns.mean()),
-        inside=placed.inside,
-        outside=placed.outside,
+        inside=sized.inside,
+        outside=sized.outside,
         p_value=lead.finding.p_value,
         q_value=lead.q_value,
         judge_nats=judge_nats,
@@ -168,26 +168,26 @@ def find_regimes(
             beside = lead.step is None and lead.finding.question.divides == "scene" and controlled
             if beside or not _promising(lead, choice, regimes):
                 continue
-            placed = _placed(lead, null, choice, facts=facts)
-            if placed is None:
+            sized = _sized(lead, null, choice, facts=facts)
+            if sized is None:
                 continue
             # They are dear to make, and mostly nobody asks them.
             judge_scenes = judge_scenes or JudgeScenes.of(AllScenes.of(model))
-            trial = _with(null, choice, placed.confined.step, at=lead.step)
+            trial = _with(null, choice, sized.confined.step, at=lead.step)
             # The free curve for which nothing was named may explain clearly more than an effect in a part, too.
             curve = answer.curve if lead.step is None else None
             if curve and outdone(trial, *curve, numbers=curve_numbers(null, curve[0])):
                 continue
-            confined, gained = judge_scenes.gained(placed.confined, trial, choice, facts=facts)
+            confined, gained = judge_scenes.gained(sized.confined, trial, choice, facts=facts)
             if gained <= 0:
                 continue
             log(f"{confined.plain.name} acts in a part alone: {confined.advantage:.0f} nats more than everywhere")
             # Judge scenes may have joined the region.
             choice = _with(null, choice, confined.step, at=lead.step)
-            regimes.append(regime_of(placed._replace(confined=confined), lead, gained, facts=facts))
+            regimes.append(regime_of(sized._replace(confined=confined), lead, gained, facts=facts))
     if not regimes:
         return Divided(answer)
-    named = named_answer(choice, scene=facts.scene, without=without, but=answer.unasked)
+    named = named_answer(choice, without=without, but=answer.unasked)
     told = {name: getattr(named, name) for name in ("verdict", "choice", "unexplained", "curve")}
     # What else the answer knows (nulls, what was found and is not said) holds of the parts as well.
     return Divided(replace(answer, **told), tuple(regimes))
@@ -201,7 +201,7 @@ def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
     return free and lead.exists and lead.q_value <= RULES.regime_level
 
 
-def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Placed | None:
+def _sized(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Sized | None:
     """The lead's effect fitted in its region; None where it gains too little by it, or may act outside as well."""
     region = lead.finding.question.regions[lead.finding.k]
     problem = _without(null, choice, lead.step)
@@ -225,7 +225,7 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
         return None
     # What may act outside as well is no regime, however much it gains inside.
     inside, outside = sizes(confined, facts)
-    return Placed(confined, inside, outside) if outside.high < RULES.regime_outside * inside.value else None
+    return Sized(confined, inside, outside) if outside.high < RULES.regime_outside * inside.value else None
 
 
 def _ranked(leads: list[Lead]) -> list[Lead]:
@@ -283,7 +283,7 @@ def _divisions(
     both = cells_of(effect, problem, result, sector=halves, sectors=2 * facts.sectors)
     by_size = scenes_by_size(both, facts)
     whole = both.folded()
-    return [*(ask(question, whole, facts.scene) for question in asked), *([by_size] if by_size else [])]
+    return [*(best_region(question, whole, facts.scene) for question in asked), *([by_size] if by_size else [])]
 
 
 def _without(null: Problem, choice: Choice, step: int | None) -> Problem:

@@ -48,7 +48,7 @@ class Cells:
 
 def cells_of(effect: Law, problem: Problem, fitted: Fit, *, sector: Int[np.ndarray, "b c"], sectors: int) -> Cells:
     """The cells of an effect that was fitted on top of `problem`; `sector`, of so many, is that of blocks' columns."""
-    objective = Objective(effect, problem, problem.ev.all_blocks)
+    objective = Objective(effect, problem)
     neutral, _ = objective.restore(objective.first)
     before = effect_with_gradient(effect, neutral, objective.rays, scan=problem.scan)
     after = effect_with_gradient(effect, fitted.z, objective.rays, scan=problem.scan)

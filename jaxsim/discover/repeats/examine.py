@@ -72,7 +72,7 @@ def examine(null: NullModel, chain: Chain, noise: Noise) -> tuple[LearnedRepeat,
     """What repeats with the effects of `chain` in place, which leave `noise`, each pattern with the law that it
     makes."""
     dense = Dense.of(null)
-    repeats = find_repeats(dense.maps(chain, noise), dense.finding, bins=RULES.repeats_bins)
+    repeats = find_repeats(dense.maps(chain, noise), dense.finding)
     return dense.learn(repeats, chain, noise) if repeats else ()
 
 

@@ -130,23 +130,17 @@ def find_repeats(
     maps: Mapping[str, Maps],
     finding: Bool[np.ndarray, " n"],
     *,
-    bins: int,
     rounds: int = RULES.repeats_tried,
     least: Mapping[str, float] = LEAST_HEIGHT,
 ) -> tuple[FoundPattern, ...]:
     """Patterns that scenes where `finding` share, and the others confirm, most certain first; each is looked for with
     the ones before taken out, and the chance of having looked at all scales, places and channels is paid for.
 
-    `bins` is the number of columns that a frame shows, the finest division of the image into places; `least` what is
-    too small to count, by channel, beside what rounding may do.
+    `least` is what is too small to count, by channel, beside what rounding may do.
     """
     signs = signs_of(int(finding.sum()))
     remaining = {channel: replace(one, total=one.centred(one.total)) for channel, one in maps.items()}
-    looked = {
-        channel: ChannelScales.at(one, finding, signs, bins=bins)
-        for channel, one in remaining.items()
-        if one.weight.any()
-    }
+    looked = {channel: ChannelScales.at(one, finding, signs) for channel, one in remaining.items() if one.weight.any()}
     patterns: list[FoundPattern] = []
     for _ in range(rounds):
         best = strongest(looked)
@@ -174,7 +168,7 @@ def find_repeats(
             patterns.append(FoundPattern(repeat, scale, k, phase))
         # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
         remaining[channel] = replace(maps_left, total=maps_left.total - height * response)
-        looked[channel] = ChannelScales.at(remaining[channel], finding, signs, bins=bins)
+        looked[channel] = ChannelScales.at(remaining[channel], finding, signs)
     return tuple(sorted(patterns, key=lambda pattern: pattern.repeat.p_value))
 
 
@@ -188,11 +182,9 @@ class ChannelScales:
     agreement: list[Agreement]
 
     @classmethod
-    def at(
-        cls, maps: Maps, finding: Bool[np.ndarray, " n"], signs: Float[np.ndarray, "f s"], *, bins: int
-    ) -> ChannelScales:
+    def at(cls, maps: Maps, finding: Bool[np.ndarray, " n"], signs: Float[np.ndarray, "f s"]) -> ChannelScales:
         """Looks at a channel's maps, already centred."""
-        every = scales(*maps.total.shape[1:], bins=bins)
+        every = scales(*maps.total.shape[1:])
         sums = {(scale.name, scale.along): scale.sums(maps.total) for scale in every}
         seen = {key: sums_of[finding] for key, sums_of in sums.items()}
         worth = {(scale.name, scale.along): scale.information(maps.weight[finding]) for scale in every}
@@ -259,7 +251,8 @@ def common_size(maps: Maps, scale: PatternScale, channel: str) -> Interval:
 
 def _interval(value: float, without: Float[np.ndarray, " n"], channel: str) -> Interval:
     """The interval by what the value becomes `without` each of the scenes, widened as parameters' intervals are."""
-    return Interval.about(float(value), RULES.interval_widening * jackknife_half_width(without), HEIGHT_UNITS[channel])
+    half = RULES.interval_widening * float(jackknife_half_width(without))
+    return Interval.about(float(value), half, HEIGHT_UNITS[channel])
 
 
 def pattern_formula(channel: str, scale: PatternScale, k: int, *, size: Interval, phase: complex) -> str:

@@ -194,9 +194,9 @@ class PatternScale:
         return np.full(counted.shape[1], self.square * weight.sum())
 
 
-def scales(rows: int, columns: int, *, bins: int) -> list[PatternScale]:
-    """All scales of a grid; places are groups of columns, `bins` of them: as many as a frame shows columns."""
-    bins = min(bins, columns)
+def scales(rows: int, columns: int) -> list[PatternScale]:
+    """All scales of a grid; places are groups of columns, `Rules.repeats_bins` of them or fewer."""
+    bins = min(RULES.repeats_bins, columns)
     row, column = np.mgrid[:rows, :columns]
     bin_of = column * bins // columns
     group = row // ROWS_OF_CELL * bins + bin_of

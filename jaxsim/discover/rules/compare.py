@@ -44,6 +44,8 @@ class CompareRules:
     (a judgement, not calibrated)."""
     apart_most_share: float = 0.5
     """Share of the rays that such classes hold beyond which too little is left to ask (a judgement, not calibrated)."""
+    apart_classes_told: int = 3
+    """Classes of such surfaces that a note names at most (a convention)."""
     alike_by_chance: float = 0.1
     """Readings off what is simulated that are like one a quarter of the frame away, over those that are like a
     neighbour's: up to this share a neighbour's is of the same surface (set on the development seeds: fog and rain have
@@ -64,6 +66,9 @@ class CompareRules:
     fewest_differences: int = 400
     """Differences between neighbouring rays of a surface from which noise is told, of each intensity's level too (set
     on noisy_street.py)."""
+    fewest_of_class: int = 60
+    """Rays of a class from which it is told how its intensities go with angle and range, and how much of what they
+    differ by is noise (a judgement, not calibrated)."""
     noisy_range_m: float = 0.004
     """Range noise below which a side counts as ideal, standard deviation: curved surfaces have as much (set on
     noisy_street.py)."""

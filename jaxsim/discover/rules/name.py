@@ -23,10 +23,15 @@ class NameRules:
     gate_nats: float = 20.0
     """Nats by which a border between lost and returned rays, or a wave of ranges, must be likelier than none (a
     judgement, not calibrated)."""
+    gate_past_m: tuple[float, float, float] = (0.02, 0.05, 0.1)
+    """How far past a border between lost and returned rays a gate may lie: fits begin there (a judgement, not
+    calibrated)."""
     hidden_share: float = 0.8
     """Share of rays lost above which a bin of azimuth may be hidden (a judgement, not calibrated)."""
     wave_most_m: float = 0.4
     """Errors beyond this are of another surface, and no wave's (a judgement, not calibrated)."""
+    waves_tried: int = 3
+    """Waves of different lengths that fits begin at (a judgement, not calibrated)."""
 
     # Candidates.
     bar_nats: float = 10.0
@@ -39,6 +44,12 @@ class NameRules:
     direction_share: float = 0.25
     """Part of the way from the null to a fit at which scenes must agree on its direction, if not on its length (set on
     yaw, falloff and range walk of severity 2, which were not told from noise without it)."""
+    negligible: float = 0.1
+    """Size up to which no effect is said, of what is clearly visible (`Parameter.scale`): a scale of ranges by 0.02 %
+    or an offset of 0.00006, of which a mesh's smoothing and rounding have as much, are found where a million rays are
+    read (set on real scans beside simulators made of them; of more than 400 right answers in
+    `benchmarks/blind/measured`, whose effects have a quarter of a default size or more, one was fitted as smaller).
+    """
     scarce_clutter: float = 0.004
     """Share of false returns before surfaces up to which no effect is said (a judgement, not calibrated: where a
     simulator casts single rays, beams of 2.5 mrad read thin things that it misses on 0.2 to 0.35 % of the rays, and the
@@ -124,6 +135,9 @@ class NameRules:
     shape_unlike: float = 0.6
     """Share of a free curve's variation, so counted, from which on no shape is near it (a judgement, not calibrated;
     tests/discover/name/test_unexplained.py)."""
+    wave_cycles: tuple[float, float] = (2.0, 8.0)
+    """Cycles of a wave over a whole curve: with fewer it is a bend, with more the knots do not follow it. In a turn one
+    is enough, for what runs round the sensor once is a wave, too (a judgement, not calibrated)."""
     outer_rays: float = 0.005
     """Share of the rays at each end that do not count where waves are (tests/discover/name/test_unexplained.py: a few
     rays far off do not make a bend of the others a wave)."""

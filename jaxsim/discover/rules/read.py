@@ -17,6 +17,14 @@ class ReadRules:
     fewer cannot reach; tests/discover/test_scenes.py)."""
     judge_share: float = 1 / 3
     """Share of the scenes that is kept for judging (a convention)."""
+    sectors: int = 12
+    """Sectors into which frames of a single drive are cut, as its scenes; of a few drives, into as many as give about
+    so many of all. Into so many pieces, too, are drives cut along the way (a judgement, not calibrated)."""
+    guard_columns: int = 4
+    """Columns left out on each side of a sector: neighbouring rays share a surface (a judgement, not calibrated)."""
+    fewest_columns: int = 8
+    """Columns of each frame, and of each sector, that are looked at in any case; narrower sectors are refused (a
+    judgement, not calibrated)."""
     folds: int = 3
     """Parts of the find scenes, each held out of a fit once (a convention)."""
     decisive_scenes: int = 3

@@ -26,16 +26,16 @@ from jaxsim.discover.model.fit import (
     Chain,
     Problem,
     by_reported,
-    channels_of,
     coupled,
     fit,
     in_place,
     score_at,
+    score_columns,
 )
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import fit_null, refit, refitted, reweighted
-from jaxsim.discover.model.parameters import to_values, to_z
+from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, runner_up
 from jaxsim.discover.read import Comparison
@@ -94,8 +94,7 @@ def judged_by_reported(null: NullModel, added: Added) -> dict[str, float]:
     gained = {}
     for fitted in held:
         after = score_at(fitted.effect, before, every.in_fit, z=fitted.fit.z, noise=fitted.fit.noise)
-        used = [CHANNELS.index(name) for name in channels_of(fitted.effect)]
-        by_block = (after - without)[judged][:, used].sum(-1)
+        by_block = (after - without)[judged][:, score_columns(fitted.effect)].sum(-1)
         gained[fitted.effect.plain_name] = float(by_block.sum() / len(np.unique(every.scene[judged])))
     return gained
 
@@ -106,10 +105,9 @@ def _with_floor(every: AllScenes, before: Problem, effects: Sequence[Law]) -> Pr
     null = every.null
     covariates = {name for effect in effects for name in effect.covariates} or set(COVARIATES)
     curves = additive_floor(before, every.in_fit, sorted(covariates))
-    # The null's evidence is that of the find scenes, all of whose blocks are fitted.
-    find_alone = np.ones(int(every.in_fit.sum()), np.float32)
+    # The null's evidence is that of the find scenes.
     seen = curves.on(null.problem.ev, every.in_fit > 0)
-    curved, _ = fit_null(null.division.scan, seen, find_alone, clutter=null.problem.clutter)
+    curved = fit_null(null.division.scan, seen, clutter=null.problem.clutter)
     return reweighted(replace(before, ev=curves.on(every.ev), noise=curved.noise), every.in_fit)
 
 
@@ -148,10 +146,9 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     """The runner-up fitted as the answer is: to all find scenes, from the best of its folds' fits; and the noise that
     it leaves."""
     effect = rival.effect
-    starts = tuple(to_values(effect, of_fold.z) for of_fold in rival.fits)
     # As many steps as the answer's own fits have: a placebo that lagged behind would make it look better.
     fixed = effect.name in FINEST
-    result = fit(effect, null, null.ev.all_blocks, starts=starts, steps=ANSWER_STEPS, fixed=fixed)
+    result = fit(effect, null, starts=rival.fitted_values, steps=ANSWER_STEPS, fixed=fixed)
     chain = [(effect, result.z)]
     return chain, refitted(in_place(null, chain)).noise
 

@@ -122,9 +122,7 @@ def block_of(
     new = blocks(part.scenes, *np.shape(old.scan.range_m)[1:], like=old.blocks, seed=number + 1)
     # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
     pieces = tuple(f"piece {k}" for k in range(len(new.frame)))
-    noises = old.simulator.noise, old.simulator.measured_noise
-    fresh = Division.of(part, chosen=replace(new, scene=pieces), parts=old.parts, noises=noises)
-    fresh = fresh.with_free_contrast() if old.simulator.free_contrast else fresh
+    fresh = Division.of(part, chosen=replace(new, scene=pieces), like=old)
     find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, is_find, strict=True) if keep)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
     in_fit = np.concatenate([np.ones(int(is_find.sum())), np.zeros(len(new.frame))]).astype(np.float32)

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from jaxsim.discover.covariates import products
 from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.unpaired.read import UnpairedComparison
@@ -154,11 +155,6 @@ def one_hot(x: np.ndarray, values: np.ndarray | None = None) -> Float[np.ndarray
     return (x[:, None] == (np.unique(x) if values is None else values)).astype(np.float32)
 
 
-def each(parts: np.ndarray, of: np.ndarray) -> Float[np.ndarray, "n k"]:
-    """Products of every column of `parts` with every column of `of`: a curve for each part."""
-    return (parts[:, :, None] * of[:, None, :]).reshape(len(parts), -1)
-
-
 def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
     """0 ground, 1 upright, 2 other, by height and normal."""
     # rise: vertical part of the normal, 1 on level ground and 0 on walls.
@@ -178,9 +174,9 @@ def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
     height = np.clip(comparison.height_m, -1.0, 8.0)
     parts = [
         one_hot(r.row),
-        each(surfaces, curve(np.log(r.range_m), 10)),
-        each(surfaces, curve(r.incidence_rad, 8)),
-        each(surfaces, curve(height, 8)),
+        products(surfaces, curve(np.log(r.range_m), 10)),
+        products(surfaces, curve(r.incidence_rad, 8)),
+        products(surfaces, curve(height, 8)),
         # How far the surface bends stands for what it is: foliage bends, walls do not.
         curve(np.log(comparison.bend + 1e-4), 6),
         curve(r.azimuth_rad, 9),

@@ -23,7 +23,7 @@ from jaxsim.discover.verdict.parts import (
     Interval,
     Level,
     Named,
-    Nulls,
+    NullDraws,
     OwnCandidate,
     Rank,
     Regime,
@@ -101,7 +101,7 @@ class Verdict:
     reflectance over the simulator's (`class ID`); and, where several were added, each one's parameters
     (`EFFECT.PARAMETER`) as fitted when it was added, and with the others in place."""
     ranking: tuple[Rank, ...] = ()
-    nulls: Nulls | None = None
+    nulls: NullDraws | None = None
     """What nulls of these very data gained; None where the bar was not set on them."""
     levels: tuple[Level, ...] = ()
     """Noise, losses and lattices of both sides; empty where frames are not compared one by one (unpaired)."""

@@ -204,8 +204,8 @@ class Rank:
 
 
 @dataclass(frozen=True)
-class Nulls:
-    """What naming made of measurements in which nothing is missing (`name.nulls`), one entry a null."""
+class NullDraws:
+    """What naming made of measurements in which nothing is missing (`name.null_draws`), one entry a null."""
 
     effects: tuple[str, ...]
     """The strongest that passed every test but the bar; empty where none did."""

@@ -17,11 +17,11 @@ from jaxsim.discover.model.null import refitted
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.unexplained import describe_curve, free_curves
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.scenes import fold_half_width, jackknife_sd
+from jaxsim.discover.scenes import jackknife_sd
 from jaxsim.discover.show import gap_with, law_gains
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
-from jaxsim.metrics.intervals import student_reach
+from jaxsim.metrics.intervals import jackknife_half_width, student_reach
 from tests.discover.toy import toy
 
 pytestmark = pytest.mark.long
@@ -103,8 +103,8 @@ def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(div
     assert gap.gained.low > 0
     assert gap.after < gap.before
     again = find_dependences(division, added.sensor)
-    before = fit_noise(null, null.ev.all_blocks).loss
-    after = fit_noise(again.null.problem, again.null.problem.ev.all_blocks).loss
+    before = fit_noise(null).loss
+    after = fit_noise(again.null.problem).loss
     assert after < before - 50
     assert not [one for one in again.where if one.covariate == "azimuth" and one.channel == "intensity"]
 
@@ -142,7 +142,7 @@ def test_the_jackknife_knows_the_scatter_of_a_mean():
     each = np.random.default_rng(0).normal(0, 1, (12, 200))
     without = (each.sum(0) - each) / 11
     np.testing.assert_allclose(jackknife_sd(without), each.std(0, ddof=1) / np.sqrt(12))
-    np.testing.assert_allclose(jackknife_sd(without) * student_reach(12), fold_half_width(without))
+    np.testing.assert_allclose(jackknife_sd(without) * student_reach(12), jackknife_half_width(without))
 
 
 def test_a_drop_law_begins_where_its_curve_ended(null):

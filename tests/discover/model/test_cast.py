@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.cast import FEWEST_COLUMNS, GUARD_COLUMNS, RAYS, SECTORS, blocks, cast, ray_index, seeing
+from jaxsim.discover.model.cast import RAYS, blocks, cast, ray_index, seeing
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.rules import RULES
 from tests.discover.toy import device, toy
@@ -17,9 +17,9 @@ FRAMES = np.arange(6)
 
 def test_a_single_scan_is_cut_into_sectors_with_gaps_between():
     cut = blocks(["drive"], 64, 1024)
-    assert len(set(cut.scene)) == SECTORS
+    assert len(set(cut.scene)) == RULES.sectors
     for left, right in zip(cut.column, cut.column[1:], strict=False):
-        assert right.min() - left.max() > GUARD_COLUMNS
+        assert right.min() - left.max() > RULES.guard_columns
 
 
 def test_a_narrow_single_scan_is_an_error():
@@ -30,14 +30,14 @@ def test_a_narrow_single_scan_is_an_error():
 @pytest.mark.parametrize("frames", [1, 2, 6, 200])
 def test_frames_of_one_drive_are_cut_into_the_same_sectors(frames):
     cut = blocks(["drive"] * frames, 44, 372)
-    assert cut.frame.tolist() == [f for f in range(frames) for _ in range(SECTORS)]
-    assert len(cut.scene) == len(cut.column) == frames * SECTORS
+    assert cut.frame.tolist() == [f for f in range(frames) for _ in range(RULES.sectors)]
+    assert len(cut.scene) == len(cut.column) == frames * RULES.sectors
     of_scene = {name: cut.column[[scene == name for scene in cut.scene]] for name in set(cut.scene)}
-    assert len(of_scene) == SECTORS
+    assert len(of_scene) == RULES.sectors
     spans = sorted((columns.min(), columns.max()) for columns in of_scene.values())
-    assert all(right[0] - left[1] > 2 * GUARD_COLUMNS for left, right in pairwise(spans))
-    assert all(columns.size >= FEWEST_COLUMNS for columns in of_scene.values())
-    assert cut.column.size * 44 <= max(RAYS, SECTORS * frames * 44)
+    assert all(right[0] - left[1] > 2 * RULES.guard_columns for left, right in pairwise(spans))
+    assert all(columns.size >= RULES.fewest_columns for columns in of_scene.values())
+    assert cut.column.size * 44 <= max(RAYS, RULES.sectors * frames * 44)
     # No column twice in a block.
     assert all(len(set(columns)) == len(columns) for columns in cut.column.tolist())
 
@@ -52,12 +52,12 @@ def test_frames_of_enough_drives_keep_their_drives():
 def test_frames_of_few_drives_are_cut_until_there_are_enough_scenes(drives):
     names = [f"drive {k % drives}" for k in range(2 * drives + 1)]
     cut = blocks(names, 44, 372)
-    assert SECTORS <= len(set(cut.scene)) < SECTORS + drives
+    assert RULES.sectors <= len(set(cut.scene)) < RULES.sectors + drives
     assert len(cut.scene) == len(names) * cut.sectors
     for scene in set(cut.scene):
         mine = [k for k, name in enumerate(cut.scene) if name == scene]
         assert len({names[cut.frame[k]] for k in mine}) == 1, "a scene is of one drive"
-        assert cut.column[mine].size >= FEWEST_COLUMNS
+        assert cut.column[mine].size >= RULES.fewest_columns
 
 
 def test_further_frames_are_cut_as_those_that_were_read():
@@ -68,7 +68,7 @@ def test_further_frames_are_cut_as_those_that_were_read():
 
 
 def test_what_is_hidden_between_the_columns_is_seen_by_every_frame():
-    chosen = blocks([f"drive {k}" for k in range(12)], 44, 372, rays=44 * 12 * FEWEST_COLUMNS)
+    chosen = blocks([f"drive {k}" for k in range(12)], 44, 372, rays=44 * 12 * RULES.fewest_columns)
     hidden = np.zeros(372, bool)
     hidden[100:103] = True
     seen = seeing(chosen, hidden)

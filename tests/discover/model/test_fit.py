@@ -13,19 +13,18 @@ from tests.discover.toy import device, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 FRAMES = np.arange(3)
-EVERYONE = np.ones(3, np.float32)
 
 
 @pytest.fixture(scope="module")
 def problem(standard_promotion):
     scan, measured = device(*toy(frames=3, seed=2))
     ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 3), (3, 20)), scene=FRAMES)
-    return fit_null(scan, ev, EVERYONE)[0]
+    return fit_null(scan, ev)
 
 
 @pytest.mark.long
 def test_the_gradient_is_that_of_finite_differences(problem):
-    objective = Objective(EFFECTS["range_scale"], problem, EVERYONE)
+    objective = Objective(EFFECTS["range_scale"], problem)
     x, step = objective.first + 0.1, 0.02
     slopes = []
     for k in range(len(x)):
@@ -38,17 +37,17 @@ def test_the_gradient_is_that_of_finite_differences(problem):
 @pytest.mark.long
 def test_the_way_to_a_fit_begins_at_the_null_and_ends_at_the_fit(problem):
     effect = EFFECTS["range_scale"]
-    end = fit(effect, problem, EVERYONE)
-    null = score_at(effect, problem, EVERYONE, z=to_z(effect, {}, 16), noise=problem.noise)
-    np.testing.assert_allclose(partway(effect, problem, EVERYONE, fit=end, share=0.0), null, rtol=1e-5)
-    np.testing.assert_allclose(partway(effect, problem, EVERYONE, fit=end, share=1.0), end.score, rtol=1e-4)
+    end = fit(effect, problem)
+    null = score_at(effect, problem, z=to_z(effect, {}, 16), noise=problem.noise)
+    np.testing.assert_allclose(partway(effect, problem, fit=end, share=0.0), null, rtol=1e-5)
+    np.testing.assert_allclose(partway(effect, problem, fit=end, share=1.0), end.score, rtol=1e-4)
     assert end.score.sum() >= null.sum() - 0.1
 
 
 def test_a_fixed_effect_stays_where_it_begins(problem):
     effect = EFFECTS["range_quantization"]
     start = dict.fromkeys(effect.parameters, 0.05)
-    z = fit(effect, problem, EVERYONE, starts=(start,), fixed=True, steps=5).z
+    z = fit(effect, problem, starts=(start,), fixed=True, steps=5).z
     for name, value in to_values(effect, z).items():
         assert value == pytest.approx(0.05, rel=1e-4), name
 
@@ -58,7 +57,7 @@ def test_each_part_of_the_blocks_has_the_start_that_is_likeliest_there(problem):
     starts = ({"scale": 0.01}, {}, {"scale": -0.005})
     parts = np.array([[1, 0, 0], [0, 1, 1], [1, 1, 1]], np.float32)
     scores = np.stack(
-        [score_at(effect, problem, EVERYONE, z=to_z(effect, one, 16), noise=problem.noise).sum(-1) for one in starts]
+        [score_at(effect, problem, z=to_z(effect, one, 16), noise=problem.noise).sum(-1) for one in starts]
     )
     expected = [starts[k] for k in (parts @ scores.T).argmax(-1)]
     assert best_starts(effect, problem, starts, parts=parts) == expected == [{}, {}, {}]
@@ -71,7 +70,7 @@ def test_each_part_of_the_blocks_has_the_start_that_is_likeliest_there(problem):
 def test_channels_that_an_effect_leaves_alone_count_nothing(problem):
     for name in ("beam_gain", "range_scale"):
         effect = EFFECTS[name]
-        score = fit(effect, problem, EVERYONE, steps=1).score
+        score = fit(effect, problem, steps=1).score
         assert ((score != 0).any(0) == [c in channels_of(effect) for c in ("intensity", "range", "drop")]).all()
 
 
@@ -90,7 +89,7 @@ def test_a_walk_follows_the_reported_intensity_where_there_is_one_and_the_predic
 
 
 def test_the_objective_takes_and_gives_the_tree_of_z_and_noise(problem):
-    objective = Objective(EFFECTS["beam_gain"], problem, EVERYONE)
+    objective = Objective(EFFECTS["beam_gain"], problem)
     z, noise = objective.restore(objective.start({"gain": 0.1}))
     np.testing.assert_allclose(to_values(EFFECTS["beam_gain"], z)["gain"], 0.1, rtol=1e-5)
     assert objective.own == 16
@@ -100,7 +99,7 @@ def test_the_objective_takes_and_gives_the_tree_of_z_and_noise(problem):
 
 def test_effects_are_put_in_place_in_physical_order(problem):
     names = ("beam_gain", "range_falloff")
-    z = {name: fit(EFFECTS[name], problem, EVERYONE).z for name in names}
+    z = {name: fit(EFFECTS[name], problem).z for name in names}
     light = [
         in_place(problem, [(EFFECTS[name], z[name]) for name in order]).ev.rays.log_intensity
         for order in (names, names[::-1])

@@ -27,7 +27,6 @@ from tests.discover.toy import device, judged_toy, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 FRAMES = np.arange(8)
-EVERYONE = np.ones(8, np.float32)
 LOST, OF_WALLS = 0.15, 0.4
 WALL = 11
 RANDOM, BY_CLASS = EFFECTS["random_dropout"], EFFECTS["material_dropout"]
@@ -97,9 +96,10 @@ def test_a_lost_ray_is_off_by_the_probability_that_it_returns(null):
 
 
 def test_the_standardised_ones_are_on_the_host(null):
-    rays, by_channel = standardised(*null)
+    problem, _ = null
+    rays, by_channel = standardised(problem)
     assert isinstance(rays.range_m, np.ndarray)
-    for name, one in residuals(*null).items():
+    for name, one in residuals(problem, problem.ev.all_blocks).items():
         np.testing.assert_array_equal(by_channel[name][0], one.z)
 
 
@@ -111,7 +111,7 @@ def lossy():
     kept = (random[0] >= LOST) & ((random[1] >= OF_WALLS) | (np.asarray(scan.semantic) != WALL))
     scan, measured = device(scan, replace(measured, valid=measured.valid & kept))
     ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 2), (8, 30)), scene=FRAMES)
-    return fit_null(scan, ev, EVERYONE)[0]
+    return fit_null(scan, ev)
 
 
 def share(effect, z, place=()) -> float:
@@ -120,9 +120,9 @@ def share(effect, z, place=()) -> float:
 
 @pytest.mark.long
 def test_what_the_first_took_up_goes_to_the_second(lossy):
-    alone = fit(RANDOM, lossy, EVERYONE)
+    alone = fit(RANDOM, lossy)
     assert share(RANDOM, alone.z) > LOST + 0.05
-    begun = fit(BY_CLASS, refitted(in_place(lossy, [(RANDOM, alone.z)])), EVERYONE)
+    begun = fit(BY_CLASS, refitted(in_place(lossy, [(RANDOM, alone.z)])))
     random, by_class = refit(lossy, [RANDOM, BY_CLASS], [alone.z, begun.z])
     wrong = abs(share(BY_CLASS, begun.z, WALL) - OF_WALLS)
     assert abs(share(RANDOM, random.fit.z) - LOST) < 0.04
@@ -141,11 +141,11 @@ def test_beside_the_others_an_effect_is_looked_for_at_its_own_starts_too():
     kept = ~lost & (np.asarray(scan.range_m) > nearest_m)
     scan, measured = device(scan, replace(measured, valid=measured.valid & kept))
     ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 2), (8, 30)), scene=FRAMES)
-    null, _ = fit_null(scan, ev, EVERYONE)
+    null = fit_null(scan, ev)
     gate = EFFECTS["range_gate"]
     random, shut = refit(null, [RANDOM, gate], [to_z(RANDOM, {"probability": 0.1}, 16), to_z(gate, {}, 16)])
     assert abs(share(RANDOM, random.fit.z) - LOST) < 0.04
     assert to_values(gate, shut.fit.z)["minimum_m"] == pytest.approx(nearest_m, abs=0.3)
     # From where it was left alone it would have stayed there.
-    left = fit(gate, shut.problem, EVERYONE, starts=({},))
+    left = fit(gate, shut.problem, starts=({},))
     assert to_values(gate, left.z)["minimum_m"] == 0

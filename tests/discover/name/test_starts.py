@@ -13,7 +13,7 @@ from tests.discover.toy import toy
 
 @pytest.fixture(scope="module")
 def problem(evidence, scan):
-    problem, _ = fit_null(scan, evidence, np.ones(6, np.float32))
+    problem = fit_null(scan, evidence)
     return problem
 
 

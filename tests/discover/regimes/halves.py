@@ -28,6 +28,6 @@ def halves(frames=INSIDE, columns=None, *, seed: int = 5, share: float = 1.0):
     column = np.broadcast_to(np.arange(0, COLUMNS, 2), (FRAMES, COLUMNS // 2))
     ev = gather(scan, measured, frame=frame, column=column, scene=frame)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        null, _ = fit_null(scan, ev, np.ones(FRAMES, np.float32))
+        null = fit_null(scan, ev)
     names = tuple(f"drive {k}" for k in range(FRAMES))
     return null, Facts(scan, names, frame, frame, column)

@@ -13,7 +13,7 @@ from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.regimes.chance import ask, scenes_by_size
+from jaxsim.discover.regimes.chance import best_region, scenes_by_size
 from jaxsim.discover.regimes.confine import JudgeScenes, confine
 from jaxsim.discover.regimes.find import sizes
 from jaxsim.discover.regimes.questions import cells_of, questions
@@ -24,7 +24,6 @@ from tests.discover.toy import device, toy
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
 GAIN = EFFECTS["beam_gain"]
-EVERYONE = np.ones(FRAMES, np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -34,9 +33,9 @@ def night(standard_promotion):
 
 def asked(null, facts):
     """The best region of every question, of beam gains fitted to all frames; by what divides."""
-    one = fit(GAIN, null, EVERYONE)
+    one = fit(GAIN, null)
     of = cells_of(GAIN, null, one, sector=facts.sector, sectors=facts.sectors)
-    found = [ask(q, of, facts.scene) for q in questions(facts)]
+    found = [best_region(q, of, facts.scene) for q in questions(facts)]
     # Moments are asked about twice, from one on and between two: the clearer answer comes last and stays.
     found.sort(key=lambda one: -one.p_value)
     return of, {(one.question.divides, one.question.regions[0].tag): one for one in found}
@@ -103,7 +102,7 @@ def test_what_acts_everywhere_is_not_confined(standard_promotion):
 def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
     some = np.isin(np.arange(FRAMES), [0, 3, 4, 8])
     null, facts = halves(some)
-    one = fit(GAIN, null, EVERYONE)
+    one = fit(GAIN, null)
     halved = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
     of = cells_of(GAIN, null, one, sector=halved, sectors=2 * facts.sectors)
     found = scenes_by_size(of, facts)
@@ -126,7 +125,7 @@ def test_what_judge_scenes_are_held_to_does_not_rest_on_what_they_report(standar
     frame = np.arange(9)
     column = np.broadcast_to(np.arange(0, 60, 2), (9, 30))
     in_fit = (frame < 6).astype(np.float32)
-    null, _ = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), in_fit)
+    null = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), in_fit)
     law = EFFECTS["range_walk"]
     result = replace(fit(law, null, in_fit, steps=1), z=to_z(law, walk, 16), noise=null.noise)
     scenes = object.__new__(AllScenes)

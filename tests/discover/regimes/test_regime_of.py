@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.answer import UNFOUNDED, Answer
 from jaxsim.discover.name.other_sides import EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.regimes import find
 from jaxsim.discover.regimes.chance import FoundRegion
 from jaxsim.discover.regimes.confine import Confined
-from jaxsim.discover.regimes.find import OF_FIT, Lead, Placed, find_regimes, regime_of
+from jaxsim.discover.regimes.find import OF_FIT, Lead, Sized, find_regimes, regime_of
 from jaxsim.discover.regimes.questions import Cells, Facts, Question
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects.region import Region
@@ -39,7 +39,7 @@ def test_scenes_are_counted_only_where_frames_say_no_moment_of_their_own(monkeyp
     size = Interval(1.0, 0.9, 1.1, OF_FIT)
     question = Question("time", (late.region,), np.ones((1, FRAMES, 1), bool))
     lead = Lead(FoundRegion(question, 0, 0.001), (chosen,), 0, q_value=0.01)
-    told = regime_of(Placed(late, size, size), lead, 20.0, facts=facts)
+    told = regime_of(Sized(late, size, size), lead, 20.0, facts=facts)
     assert (told.p_value, told.q_value, told.judge_nats) == (0.001, 0.01, 20.0)
     assert told.x == tuple(range(FRAMES))
     assert told.counted == counted
@@ -60,7 +60,7 @@ def divide(monkeypatch, lead: Lead, answer: Answer, *, controlled: bool = False,
         "questions": lambda facts: [],
         "_of_named": lambda *given, **more: [lead] if lead.named else [],
         "_of_candidates": lambda *given, **more: [] if lead.named else [lead],
-        "_placed": lambda *given, **more: Placed(confined, *[Interval(1.0, 0.9, 1.1, OF_FIT)] * 2),
+        "_sized": lambda *given, **more: Sized(confined, *[Interval(1.0, 0.9, 1.1, OF_FIT)] * 2),
         "_with": lambda null, choice, *given, **more: choice,
         "regime_of": lambda *given, **more: regime(Region(time_s=(2.5, None))),
         "AllScenes": SimpleNamespace(of=lambda model: None),
@@ -78,9 +78,9 @@ def lead_of(divides: str, **more) -> Lead:
 
 
 def test_an_answer_with_a_regime_keeps_what_was_found_and_not_said_and_asks_no_channel_that_was_left_out(monkeypatch):
-    choice = Choice((step(candidate("beam_gain", 40.0)),), (), problem())
+    choice = Choice((step(candidate("beam_gain", 40.0)),), (), problem(), refused={"range_noise": UNFOUNDED})
     elsewhere = (("fog_backscatter", EXCHANGED),)
-    given = Answer("named", choice, None, elsewhere=elsewhere, unfounded=("range_noise",))
+    given = Answer("named", choice, None, elsewhere=elsewhere)
     divided, asked = divide(monkeypatch, lead_of("time", step=0, named=True), given, without=("intensity",))
     assert len(divided.regimes) == 1
     assert (divided.answer.elsewhere, divided.answer.unfounded) == (elsewhere, ("range_noise",))

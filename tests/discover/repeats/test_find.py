@@ -31,7 +31,7 @@ ANY = [
 
 
 def first(pattern):
-    found = find_repeats({"intensity": maps(1, pattern), "range": maps(2)}, FINDING, bins=32)
+    found = find_repeats({"intensity": maps(1, pattern), "range": maps(2)}, FINDING)
     assert found, "nothing was found"
     one = found[0].repeat
     assert one.channel == "intensity"
@@ -69,26 +69,26 @@ def test_a_pattern_without_a_period_is_found_by_what_maps_have_in_common(pattern
 
 def test_a_pattern_of_find_scenes_alone_does_not_hold():
     pattern = np.where(FINDING[:, None, None], 1, -1) * WAVES[0][0]
-    assert not find_repeats({"intensity": maps(1, pattern)}, FINDING, bins=32)
+    assert not find_repeats({"intensity": maps(1, pattern)}, FINDING)
 
 
 def test_a_pattern_too_small_to_matter_is_not_told():
     # Judged by its size in the channel's unit: the same maps of a hundredth of the noise are as certain.
     tiny = maps(1, WAVES[0][0])
     tiny = type(tiny)(tiny.weight * 1e4, tiny.total * 1e2, lambda pattern: tiny.weight * 1e4 * pattern)
-    assert not find_repeats({"intensity": tiny}, FINDING, bins=32)
+    assert not find_repeats({"intensity": tiny}, FINDING)
 
 
 def test_a_pattern_that_rounding_may_make_is_not_told():
     made = maps(1, WAVES[1][0])
-    assert find_repeats({"range": replace(made, coarse=0.3 + 0.0 * ROW)}, FINDING, bins=32)
+    assert find_repeats({"range": replace(made, coarse=0.3 + 0.0 * ROW)}, FINDING)
     # It counts where the pattern is: of a row, that row's.
-    assert find_repeats({"range": replace(maps(1, PLACES[0][0]), coarse=1.1 * (ROW != 5))}, FINDING, bins=32)
-    assert not find_repeats({"range": replace(made, coarse=0.5 + 0.0 * ROW)}, FINDING, bins=32)
+    assert find_repeats({"range": replace(maps(1, PLACES[0][0]), coarse=1.1 * (ROW != 5))}, FINDING)
+    assert not find_repeats({"range": replace(made, coarse=0.5 + 0.0 * ROW)}, FINDING)
 
 
 def test_of_made_nulls_at_most_one_in_fifty_is_answered():
-    answered = [bool(find_repeats({"intensity": maps(seed)}, FINDING, bins=32, rounds=1)) for seed in range(100, 150)]
+    answered = [bool(find_repeats({"intensity": maps(seed)}, FINDING, rounds=1)) for seed in range(100, 150)]
     assert sum(answered) <= 1
 
 

@@ -41,7 +41,7 @@ def learn(pattern, channel="intensity", *, usual_loss=1.0):
         return {channel: replace(made, response=lambda shape: (1 - TAKEN) * weight * shape), "other": maps(2)}
 
     first = maps_with([])
-    found = find_repeats({channel: first[channel]}, FINDING, bins=32)
+    found = find_repeats({channel: first[channel]}, FINDING)
     forms = [pattern_form(one, ROWS, COLUMNS, usual_loss=usual_loss) for one in found]
     return learn_repeats(forms, FINDING, maps_with)
 

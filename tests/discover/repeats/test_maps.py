@@ -72,7 +72,7 @@ def test_the_slope_is_that_of_weight_times_residual():
     assert robust_slope(weight, np.full(z.shape, 0.01)) == pytest.approx(numeric, abs=0.01)
 
 
-SCALES = {(one.name, one.along): one for one in scales(ROWS, COLUMNS, bins=32)}
+SCALES = {(one.name, one.along): one for one in scales(ROWS, COLUMNS)}
 
 
 def patterns_of(key):

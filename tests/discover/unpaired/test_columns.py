@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from jaxsim.discover.unpaired.columns import columns_of, curve, derivatives, each, one_hot, untold
+from jaxsim.discover.covariates import products
+from jaxsim.discover.unpaired.columns import columns_of, curve, derivatives, one_hot, untold
 from jaxsim.effects import EFFECTS
 
 
@@ -38,5 +39,5 @@ def test_hat_functions_sum_to_one_and_draw_lines():
 
 def test_a_curve_for_each_part():
     parts = one_hot(np.array([0, 1, 1]))
-    columns = each(parts, np.array([[2.0, 3.0], [4.0, 5.0], [6.0, 7.0]]))
+    columns = products(parts, np.array([[2.0, 3.0], [4.0, 5.0], [6.0, 7.0]]))
     np.testing.assert_array_equal(columns, [[2, 3, 0, 0], [0, 0, 4, 5], [0, 0, 6, 7]])

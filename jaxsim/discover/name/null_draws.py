@@ -19,20 +19,20 @@ from dataclasses import fields, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from jaxsim.discover.find import localise
+from jaxsim.discover.find import dependences_of
 from jaxsim.discover.model.evidence import Evidence, near_enough
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES, log_reported, log_stray, near_sd
 from jaxsim.discover.model.noise import range_variance
-from jaxsim.discover.model.null import fit_null, standardised
+from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, frame_poses, levels_of, moved_by
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.name.unexplained import free_curves, sure
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import Nulls
+from jaxsim.discover.verdict import NullDraws
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import sample
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
@@ -41,35 +41,34 @@ from jaxsim.frame import Array
 Array3 = Float[np.ndarray, "b c r"]
 
 
-def run_nulls(
+def draw_nulls(
     problem: Problem,
     explained: Problem,
     effects: Iterable[Effect],
     *,
-    scene: Int[np.ndarray, " b"],
     count: int,
     log: Log = lambda line: None,
-) -> Nulls:
+) -> NullDraws:
     """The naming's first step on `count` nulls drawn from `problem`, and the bars that none of them passes, for effects
-    and for free curves; at least the standing one. `scene` is that of each block."""
+    and for free curves; at least the standing one."""
     catalogue = tuple(effects)
-    scenes = len(np.unique(scene))
+    scenes = len(np.unique(problem.ev.scene))
     names = []
     gains = []
     free = []
     for seed in range(count):
         drawn = bootstrap(problem, explained, seed)
-        null, _ = fit_null(problem.scan, drawn, drawn.all_blocks, clutter=problem.clutter)
+        null = fit_null(problem.scan, drawn, clutter=problem.clutter)
         # All that `Candidate.accepted` asks but the bar, which is what is looked for.
         best = _strongest(c for c in rank_effects(null, catalogue) if c.scenes_agree and not c.smooth_is_enough)
-        dependences = localise(*standardised(null, drawn.all_blocks), scene)
+        dependences = dependences_of(null)
         curve = _strongest(c for _, c in free_curves(null, dependences) if sure(c))
         names.append(best.effect.name if best else "")
         gains.append(best.total if best else 0.0)
         free.append(curve.total if curve else 0.0)
         text = f"{names[-1]} gains {gains[-1]:.1f} nats" if best else "no effect that scenes agree on"
         log(f"null {seed + 1} of {count}: {text}" + (f", a free curve gains {free[-1]:.1f}" if curve else ""))
-    return Nulls(
+    return NullDraws(
         effects=tuple(names),
         gains=tuple(gain / scenes for gain in gains),
         free=tuple(gain / scenes for gain in free),

@@ -11,8 +11,8 @@ from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals
-from jaxsim.discover.name import nulls
-from jaxsim.discover.name.nulls import bootstrap, run_nulls
+from jaxsim.discover.name import null_draws
+from jaxsim.discover.name.null_draws import bootstrap, draw_nulls
 from jaxsim.discover.name.select import Bars
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
@@ -37,7 +37,7 @@ def problem():
     scan, measured = device(*toy(FRAMES, columns=COLUMNS, gain=0.3))
     frames = np.arange(FRAMES)
     columns = np.broadcast_to(np.arange(0, COLUMNS, 2), (FRAMES, COLUMNS // 2))
-    return fit_null(scan, gather(scan, measured, frame=frames, column=columns, scene=frames), ALL_BLOCKS)[0]
+    return fit_null(scan, gather(scan, measured, frame=frames, column=columns, scene=frames))
 
 
 def of_rows(problem):
@@ -65,21 +65,21 @@ def test_a_draw_has_the_losses_gain_and_noise_of_the_data(problem):
         for one in (ev, drawn)
     ]
     assert level[1] == pytest.approx(level[0], abs=0.06)
-    refitted, _ = fit_null(problem.scan, drawn, ALL_BLOCKS)
+    refitted = fit_null(problem.scan, drawn)
     for name in ("intensity", "range_"):
         assert float(getattr(refitted.noise, name)) == pytest.approx(float(getattr(problem.noise, name)), abs=0.2)
 
 
 def test_nulls_lack_the_effect_and_scatter_as_the_data_do_with_it_in_place(problem):
     gains = EFFECTS["beam_gain"]
-    added = on_top(gains, problem, fit(gains, problem, ALL_BLOCKS).z)
-    explained, _ = fit_null(added.scan, added.ev, ALL_BLOCKS)
+    added = on_top(gains, problem, fit(gains, problem).z)
+    explained = fit_null(added.scan, added.ev)
     before, noisy = of_rows(problem)
     _, scatter = of_rows(explained)
     assert before > 0.15
     assert scatter < 0.7 * noisy
     for seed in range(3):
-        null, _ = fit_null(problem.scan, bootstrap(problem, explained, seed), ALL_BLOCKS)
+        null = fit_null(problem.scan, bootstrap(problem, explained, seed))
         after, still = of_rows(null)
         assert after < 0.15 * before
         assert still == pytest.approx(scatter, rel=0.15)
@@ -90,13 +90,13 @@ def test_what_belongs_together_in_a_scene_stays_together(problem):
     stain = np.zeros(problem.ev.edge.shape, np.float32)
     stain[2, 5:20] = np.asarray(problem.ev.compared)[2, 5:20] * 0.5 * (-1) ** np.arange(15)[:, None]
     ev = replace(problem.ev, log_intensity=problem.ev.log_intensity + stain)
-    stained, _ = fit_null(problem.scan, ev, ALL_BLOCKS)
+    stained = fit_null(problem.scan, ev)
     left = np.asarray(conditional_residuals(stained.ev, stained.equations, ALL_BLOCKS)[0])
     on = stain != 0
     size = (left * np.sign(stain))[on].mean()
     assert size > 0.2
     for seed in range(3):
-        drawn, _ = fit_null(problem.scan, bootstrap(stained, stained, seed), ALL_BLOCKS)
+        drawn = fit_null(problem.scan, bootstrap(stained, stained, seed))
         again = (np.asarray(conditional_residuals(drawn.ev, drawn.equations, ALL_BLOCKS)[0]) * np.sign(stain))[
             on
         ].mean()
@@ -125,14 +125,13 @@ def nulls_that_gain(monkeypatch):
 
     def given(*rounds):
         rest = iter(rounds)
-        monkeypatch.setattr(nulls, "bootstrap", lambda *_: SimpleNamespace(all_blocks=None))
-        monkeypatch.setattr(nulls, "fit_null", lambda *_, clutter: (next(rest), None))
-        monkeypatch.setattr(nulls, "standardised", lambda *_: (None, {}))
-        monkeypatch.setattr(nulls, "localise", lambda *_: [])
-        monkeypatch.setattr(nulls, "rank_effects", lambda null, effects: null[0])
-        monkeypatch.setattr(nulls, "free_curves", lambda null, dependences: [(None, curve) for curve in null[1]])
-        bare = bare_problem(scan=None, clutter=False)
-        return run_nulls(bare, bare, (), scene=np.arange(SCENES), count=len(rounds))
+        monkeypatch.setattr(null_draws, "bootstrap", lambda *_: None)
+        monkeypatch.setattr(null_draws, "fit_null", lambda *_, clutter: next(rest))
+        monkeypatch.setattr(null_draws, "dependences_of", lambda *_: [])
+        monkeypatch.setattr(null_draws, "rank_effects", lambda null, effects: null[0])
+        monkeypatch.setattr(null_draws, "free_curves", lambda null, dependences: [(None, curve) for curve in null[1]])
+        bare = bare_problem(scan=None, ev=SimpleNamespace(scene=np.arange(SCENES)), clutter=False)
+        return draw_nulls(bare, bare, (), count=len(rounds))
 
     return given
 
