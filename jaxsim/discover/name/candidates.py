@@ -103,9 +103,10 @@ class Candidate:
 
     @property
     def size(self) -> float:
-        """How large it is at the most: the largest of its numbers, of all folds, from where it does nothing, in what
-        is clearly visible (`Parameter.scale`)."""
-        return max((float(np.abs(value).max()) for of_fold in self.fits for value in of_fold.z.values()), default=0.0)
+        """How large it is: the largest of its numbers, in the mean of the folds, from where it does nothing, in what is
+        clearly visible (`Parameter.scale`)."""
+        means = [np.mean([of_fold.z[name] for of_fold in self.fits], axis=0) for name in self.fits[0].z]
+        return max((float(np.abs(mean).max()) for mean in means), default=0.0)
 
     @property
     def numbers(self) -> int:

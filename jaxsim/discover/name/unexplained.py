@@ -73,8 +73,10 @@ def free_curves(
 
 
 def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
-    """Whether a curve passes the bar and the scenes agree on it."""
-    return curve.accepted(bar) and sure(curve)
+    """Whether a curve passes the bar and the scenes agree on it. One that adds to intensities must also be as large as
+    an offset has to be: rounding near 0 adds a little everywhere."""
+    slight = curve.effect is CURVES[OFFSET] and curve.size < RULES.negligible
+    return curve.accepted(bar) and sure(curve) and not slight
 
 
 def sure(curve: Candidate) -> bool:

@@ -9,6 +9,7 @@ import pytest
 from jaxsim.discover.covariates import CURVES, Dependence
 from jaxsim.discover.name import unexplained
 from jaxsim.discover.name.unexplained import agreed, shape_of
+from jaxsim.effects.learned import OFFSET
 from tests.discover.name.made import candidate, fitted, problem
 
 
@@ -95,3 +96,11 @@ def test_scenes_must_agree_on_a_free_curve_more_than_on_an_effect():
     assert not agreed(candidate("beam_gain", against))
     # Of seven scenes no more than all can agree.
     assert agreed(candidate("beam_gain", steady[:7], scenes=7))
+
+
+@pytest.mark.parametrize(("height", "said"), [(0.00006, False), (0.004, True)])
+def test_an_addition_that_rounding_near_0_makes_is_no_curve(height, said):
+    curve = CURVES[OFFSET]
+    z = height / curve.parameters["height"].scale
+    fits = (replace(fitted(), z={"height": np.array([z, -z / 2])}),)
+    assert agreed(replace(candidate("beam_gain", 5), effect=curve, fits=fits)) == said
