@@ -10,7 +10,8 @@ What the scan says, with its hundredths of intensity spread evenly over their st
 measured one is the same with an effect of benchmarks/blind/hidden (NumPy; nothing of jaxsim.effects), noise of
 intensity and range, a gain and a few lost returns. There are no classes, and no errors of pose; effects that move rays
 or act on classes cannot be planted. With `--simulator noisy` the simulated side has noise of its own, 6 % and 0.008 of
-intensity in 256 steps, 1.5 cm, a ray in a hundred lost, and the sensor has the same.
+intensity in 256 steps, 1.5 cm, a ray in a hundred lost, and the sensor has the same. With `--simulator patches` or
+`trees` it is a digital twin of the scans (twins.py).
 
 One line a case in OUT/cases.jsonl; the same command again goes on. Prints the table that docs/discover-rates.md quotes.
 """
@@ -35,6 +36,7 @@ from benchmarks.blind.hidden.replay import Scan, list_plantable, plant_on, simul
 from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.rows import code_version, run_cases
 from benchmarks.blind.tables import coverage, rate
+from benchmarks.blind.twins import TWINS
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data.kitti_files import read_velodyne
 from jaxsim.data.polar_frames import write_frame, write_grid
@@ -112,9 +114,13 @@ def run_case(
     """Plants an effect of a severity by a seed, lets `discover` answer, and scores."""
     effect, severity, seed = job
     plain = Grid(np.asarray(grid.azimuth_rad, float), np.asarray(grid.elevation_rad, float))
-    errors, scans = SIMULATORS[simulator], list(scenes.values())
+    # A twin's errors are in it; the sensor's own noise is then what it is beside an ideal simulator.
+    errors, scans = SIMULATORS["ideal" if simulator in TWINS else simulator], list(scenes.values())
     measured, key = plant_on(scans, plain, effect=effect, severity=severity, seed=seed, simulator=errors)
-    simulated = [simulated_of(scan, errors, seed=seed, number=k) for k, scan in enumerate(scans)]
+    if simulator in TWINS:
+        simulated = TWINS[simulator](scenes, plain, seed=seed)
+    else:
+        simulated = [simulated_of(scan, errors, seed=seed, number=k) for k, scan in enumerate(scans)]
     if folder.exists():
         shutil.rmtree(folder)
     about = {f"{k:04d}": {"scene": name, "heading": scan.heading_rad} for k, (name, scan) in enumerate(scenes.items())}
@@ -189,7 +195,9 @@ def main() -> None:
     parser.add_argument("--effects", nargs="+", default=list_plantable(), help="default: all that can be planted")
     parser.add_argument("--severity", type=float, nargs="+", default=[4.0])
     parser.add_argument("--nulls", type=int, default=10)
-    parser.add_argument("--simulator", choices=SIMULATORS, default="ideal", help="errors of the simulated side's own")
+    parser.add_argument(
+        "--simulator", choices=[*SIMULATORS, *TWINS], default="ideal", help="errors of the simulated side's own"
+    )
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     if args.root is None:
