@@ -104,11 +104,10 @@ def name_effects(
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`,
     and none of `unasked`.
     What `others` show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
-    control's frames. They are asked where anything is found. So is what is too small to matter: frames enough show
-    a five-thousandth of the range. Noise that grows as echoes weaken is said where that of
-    neighbouring readings does (`noise_grows`), which knows nothing of poses and surfaces. What one class
-    alone shows is not said (`denied_without`; `shown_by`, of classes that are `apart`). `leaves_nothing` tells whether
-    a free curve's law leaves effects nothing to say.
+    control's frames. They are asked where anything is found. So is what is too small to matter (`Rules.negligible`).
+    Noise that grows as echoes weaken is said where that of neighbouring readings does (`noise_grows`), which knows
+    nothing of poses and surfaces. What one class alone shows is not said (`denied_without`; `shown_by`, of classes that
+    are `apart`). `leaves_nothing` tells whether a free curve's law leaves effects nothing to say.
     """
 
     def reasons(step: FittedStep, beside: Problem) -> Iterator[str]:
