@@ -1,13 +1,15 @@
 """Real scans of one sensor on both sides, where nothing is missing: `python -m benchmarks.blind.real_nulls OUT`.
 
-DRIVES (--root) holds KITTI raw drives, DATE/DATE_drive_NUMBER_sync, of full scans. Two questions are asked of them:
+DRIVES (--root) holds KITTI raw drives, DATE/DATE_drive_NUMBER_sync, of full scans. Three questions are asked of them:
 
     still    drive --still, whose car stands: its scans in pairs, one of each as the simulation of the other. What
              differs is the sensor's own noise, and what moves in the street.
+    later    drives whose cars move: pairs of scans at most --later seconds apart, the first as the simulation of the
+             second. What differs is also where the car stood.
     streets  `--unpaired`: drives dealt to two sides at random, --splits times. What differs is the streets.
 
 Every answer but *none* is wrong, and levels of noise are those of the sensor against itself. With `--plant EFFECT ...`
-an effect of benchmarks/blind/hidden is put onto the measured scans of the standing car, too, and should be named.
+an effect of benchmarks/blind/hidden is put onto the measured scans of the first two, too, and should be named.
 Scans are put onto the HDL-64E's whole turn as they are, intensities in steps of 0.01. One line a case in
 OUT/cases.jsonl; the same command again goes on.
 """
@@ -18,6 +20,7 @@ import argparse
 import shutil
 import time
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +37,8 @@ from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import Verdict, discover_folders, discover_unpaired
 from jaxsim.frame import PolarGrid, PolarImage
 
+SCAN_S = 0.1
+"""Seconds from one scan of KITTI's to the next."""
 Files = Mapping[str, Path]
 """Scans by drive and number."""
 
@@ -49,6 +54,9 @@ def main() -> None:
     check_settings(list(rows.values()), settings)
     still = [f"still {effect}" for effect in ("none", *args.plant)] if args.still else []
     cases = {key: still_pairs(files, args.still) for key in still}
+    if args.later:
+        pairs = later_pairs(files, args.later, still=args.still)
+        cases |= {f"later {effect}": pairs for effect in ("none", *args.plant)}
     cases |= {f"streets {seed}": two_sides(files, args.still, seed) for seed in range(args.splits)}
     grid, images = whole_turns(files, args.columns)
     for key, sides in tqdm(cases.items(), unit="case"):
@@ -57,7 +65,7 @@ def main() -> None:
         began = time.monotonic()
         kind, hidden = key.split()
         shown = [{frame: images[scan] for frame, scan in side.items()} for side in sides]
-        if kind == "still" and hidden != "none":
+        if kind != "streets" and hidden != "none":
             shown[1] = planted(grid, shown[1], effect=hidden, severity=args.severity)
         verdict = answer(grid, shown, folder=args.out / "case", unpaired=kind == "streets")
         found = {
@@ -96,6 +104,19 @@ def still_pairs(files: Files, drive: str) -> tuple[dict[str, str], dict[str, str
         raise ValueError(f"real_nulls: drive {drive} has {len(scans)} scans; 4 or more are needed, or give --still ''")
     before, after = scans[:-1:2], scans[1::2]
     return dict(zip(before, before, strict=True)), dict(zip(before, after, strict=True))
+
+
+def later_pairs(files: Files, seconds: float, *, still: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Scans and the next one of the same drive, at most so many seconds later, no scan twice; `still` is left out."""
+    pairs: dict[str, str] = {}
+    for before, after in pairwise(name for name in sorted(files) if not name.startswith(f"{still or '-'}/")):
+        (drive, first), (other, second) = before.split("/"), after.split("/")
+        apart_s = (int(second) - int(first)) * SCAN_S
+        if drive == other and apart_s <= seconds + 1e-6 and before not in pairs.values():
+            pairs[before] = after
+    if not pairs:
+        raise ValueError(f"real_nulls: no two scans of a moving car are {seconds:g} s apart or less; give --most more")
+    return {name: name for name in pairs}, pairs
 
 
 def two_sides(files: Files, still: str, seed: int) -> tuple[dict[str, str], dict[str, str]]:
@@ -166,6 +187,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("out", type=Path)
     parser.add_argument("--root", type=Path, required=True, help="folder of KITTI raw's dates")
     parser.add_argument("--still", default="0060", help="drive whose car stands; '' for none")
+    parser.add_argument("--later", type=float, default=0.0, help="most seconds between paired scans of moving cars")
     parser.add_argument("--plant", nargs="*", choices=list_plantable(), default=[], metavar="EFFECT")
     parser.add_argument("--severity", type=float, default=4.0, help="of what is planted")
     parser.add_argument("--splits", type=int, default=10, help="deals of the drives to two sides")

@@ -40,9 +40,11 @@ def main(argv: list[str] | None = None) -> None:
     settings = {"sealed": args.sealed, "scenes": args.scenes, "unpaired": True}
     enable_compilation_cache()
     told = [name for name in EFFECTS if name not in untold(classes=True)]
-    jobs = [Job(name, severity, "default", 0) for severity in args.severity for name in told]
-    jobs += [Job(name, STRONG, "default", 0) for name in CANNOT]
-    jobs += [Job("none", 1.0, level, k) for k in range(args.nulls) for level in ("exact", "default")]
+    again = range(args.first, args.first + args.repeats)
+    jobs = [Job(name, severity, "default", k) for k in again for severity in args.severity for name in told]
+    jobs += [Job(name, STRONG, "default", k) for k in again for name in CANNOT]
+    nulls = range(args.first, args.first + args.nulls)
+    jobs += [Job("none", 1.0, level, k) for k in nulls for level in ("exact", "default")]
     cases = {job.key: partial(_answer, job, settings, args.out / "cases") for job in jobs}
     run_cases(args.out, cases, summary=summary, settings=settings, most=args.most)
 
@@ -108,7 +110,9 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("out", type=Path)
     parser.add_argument("--sealed", action="store_true", help="the sealed cases instead of the development ones")
     parser.add_argument("--severity", type=float, nargs="+", default=[4.0, 8.0])
+    parser.add_argument("--repeats", type=int, default=1, help="cases of each effect and severity")
     parser.add_argument("--nulls", type=int, default=20, help="of each level")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of each, for cases never asked")
     parser.add_argument("--scenes", type=int, default=16)
     parser.add_argument("--most", type=int, default=None, help="stop after so many new cases")
     return parser.parse_args(argv)

@@ -11,7 +11,7 @@ from jaxsim.discover.contrast import contrast_off
 from jaxsim.discover.law.learn import leaves_nothing
 from jaxsim.discover.levels import range_noise_grows
 from jaxsim.discover.look_alikes import with_look_alikes
-from jaxsim.discover.mounting import place_mounting
+from jaxsim.discover.mounting import brought_back, place_mounting
 from jaxsim.discover.name.answer import Answer, name_effects
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.other_sides import OtherSides
@@ -91,9 +91,10 @@ def answer_of(
     found, comparison = placed.found, placed.comparison
     null, simulator = found.null.problem, placed.division.simulator
     others: list[Callable[[], OtherSides]] = []
-    if simulator.noisy:
-        # Of a simulator without noise the sides are no two readings of one street.
-        others.append(cache(partial(OtherSides.exchanged, comparison, found.null)))
+    if simulator.noisy or comparison.other_moments:
+        # Of a simulator without noise the sides are no two readings of one street, but for what casting adds.
+        back = brought_back if comparison.other_moments else None
+        others.append(cache(partial(OtherSides.exchanged, comparison, found.null, back=back)))
     if control_sides:
         others.append(control_sides)
     answer = name_effects(

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.division import NOTHING_YET
 from jaxsim.discover.model.cast import RayIndex, ray_index, sectors_a_drive
-from jaxsim.discover.model.evidence import POSE_SD
+from jaxsim.discover.model.evidence import POSE_SD, Measured
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.model.parameters import to_values
@@ -81,7 +81,7 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     if registered.early_or_late:
         # Frames' own places hold what the mounting is off by as well.
         moved, told = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
-        again = replace(cast_again, scan=moved, told=told, between_unknown=True, other_moments=True)
+        again = replace(cast_again, scan=moved, told=told, between_unknown=True, as_read=scan)
         return Mounting((), again, known)
     # A mounting is that of all frames: what acts in a part of them alone stays with what else is known.
     known_effects = {name for name, _ in known.effects} - {*known.regions}
@@ -136,6 +136,22 @@ def seen_from(scan: Scan, effects: EffectValues) -> tuple[Scan, Bool[np.ndarray,
     slopes = [np.asarray(slopes_of(scan.grid, r, h)) for r, h in zip(met["range_m"], met["hit"], strict=True)]
     told = met.pop("told")
     return replace(scan, **met, slopes=np.stack(slopes)), told
+
+
+def brought_back(exchanged: Comparison) -> Comparison:
+    """Exchanged sides of other moments: the measured frames, in the place of the simulated ones, as seen from where
+    these stood, against these as they were read."""
+    was, registered = exchanged.as_read, exchanged.registration
+    assert was is not None, "frames of one moment are exchanged as they are"
+    assert registered is not None, "frames were brought elsewhere without a registration"
+    scan = jax.tree.map(np.asarray, exchanged.scan)
+    slopes = [np.asarray(slopes_of(scan.grid, r, h)) for r, h in zip(scan.range_m, scan.hit, strict=True)]
+    # The inverse of a motion to first order: of 3 m and half a degree 3 cm are left, which frames' own poses take up.
+    back = _of_frames(-registered.frames, rows=scan.range_m.shape[1])
+    moved, told = seen_from(replace(scan, slopes=np.stack(slopes)), back)
+    hit = np.asarray(was.hit)
+    read = Measured(np.where(hit, was.range_m, 0), np.where(hit, was.intensity, 0), hit)
+    return replace(exchanged, scan=moved, measured=read, told=told)
 
 
 @jax.jit

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.blind.real_nulls import find_scans, still_pairs, two_sides
+from benchmarks.blind.real_nulls import find_scans, later_pairs, still_pairs, two_sides
 
 FILES = {f"{drive}/{k}": None for drive in ("0001", "0002", "0005", "0060") for k in range(4)}
 
@@ -13,6 +13,19 @@ def test_a_standing_drive_s_scans_are_paired_with_the_next_under_one_name():
     assert measured == {"0060/0": "0060/1", "0060/2": "0060/3"}
     with pytest.raises(ValueError, match="drive 0099 has 0 scans; 4 or more"):
         still_pairs(FILES, "0099")
+
+
+def test_scans_of_moving_cars_are_paired_with_the_next_of_their_drive_within_so_many_seconds():
+    files = {f"{drive}/{k:010d}": None for drive, k in
+             (("0001", 2), ("0001", 4), ("0001", 8), ("0001", 20), ("0002", 0), ("0005", 3), ("0005", 9), ("0060", 1),
+              ("0060", 2))}  # fmt: skip
+    simulated, measured = later_pairs(files, 0.4, still="0060")
+    assert measured == {"0001/0000000002": "0001/0000000004"}
+    assert simulated == {"0001/0000000002": "0001/0000000002"}
+    simulated, measured = later_pairs(files, 0.6, still="")
+    assert [*measured.values()] == ["0001/0000000004", "0005/0000000009", "0060/0000000002"]
+    with pytest.raises(ValueError, match=r"no two scans of a moving car are 0\.1 s apart or less"):
+        later_pairs(files, 0.1, still="0060")
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -11,11 +11,12 @@ from scipy.spatial.transform import Rotation
 from jaxsim.discover import mounting
 from jaxsim.discover.division import NOTHING_YET, Division
 from jaxsim.discover.levels import compare_levels
-from jaxsim.discover.model.evidence import POSE_SD
+from jaxsim.discover.model.evidence import POSE_SD, Measured
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.mounting import (
     LIFT_OF_ALL,
+    brought_back,
     gains,
     named_mounting,
     place_mounting,
@@ -172,6 +173,23 @@ def test_frames_of_other_moments_are_each_brought_to_their_place():
     told = registered_of(one.comparison)
     assert told is not None
     assert told.other_moments
+
+
+def test_exchanged_frames_of_other_moments_are_brought_to_where_the_simulated_ones_stood():
+    poses = np.zeros((12, 6))
+    poses[:, 0] = np.linspace(0, 4, 12)
+    given = comparison(poses)
+    placed = place_mounting(given, MOTION_PARTS).comparison
+    turned = replace(placed.scan, range_m=placed.measured.range_m, hit=placed.measured.valid)
+    theirs = Measured(placed.scan.range_m, placed.scan.intensity, placed.scan.hit)
+    back = brought_back(replace(placed, scan=turned, measured=theirs))
+    np.testing.assert_array_equal(back.measured.range_m, given.scan.range_m)
+    both = np.asarray(back.scan.hit)
+    off = {
+        name: np.abs(one.range_m - given.scan.range_m)[both].mean()
+        for name, one in (("back", back.scan), ("was", turned))
+    }
+    assert off["back"] < 0.05 < 0.1 < off["was"]
 
 
 def test_scenes_are_priced_by_what_the_others_say():

@@ -11,13 +11,18 @@ regress to the mean, a ray at an edge meets now this surface, now that) it does 
 simulation. What the sensor does and the simulator does not would have to be undone, not done once more, where the
 sensor's frames are taken for simulated ones.
 
-Of intensities this is a fair question only where both sides know how bright each surface is. A simulator that has a
-table of reflectances lacks what surfaces have of their own, and that alone makes its readings regress once it is taken
-for the sensor (Berkson's errors become classical ones; Carroll, Ruppert, Stefanski, Crainiceanu 2006).
+Frames of other moments are cast to where their partners stood, and what a ray meets 3 m further on is in no image:
+rough surfaces, and what beams differ by, come out as noise on what is simulated, though the simulator has none. So
+these are exchanged too, in all channels, the measured frames cast to where the simulated ones stood.
+
+Of intensities of one moment this is a fair question only where both sides know how bright each surface is. A simulator
+that has a table of reflectances lacks what surfaces have of their own, and that alone makes its readings regress once
+it is taken for the sensor (Berkson's errors become classical ones; Carroll, Ruppert, Stefanski, Crainiceanu 2006).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
@@ -55,6 +60,8 @@ class OtherSides:
     """Channels of which these sides can be asked."""
     why: str
     """EXCHANGED or CONTROL: why what is found here as well is not said."""
+    share: float = RULES.elsewhere_share
+    """Share of its gain from which on what was found is found here as well."""
 
     @classmethod
     def of_control(cls, comparison: Comparison) -> OtherSides:
@@ -63,13 +70,19 @@ class OtherSides:
         return cls(null, fit_noise(null.problem), frozenset(CHANNELS), CONTROL)
 
     @classmethod
-    def exchanged(cls, comparison: Comparison, null: NullModel) -> OtherSides:
+    def exchanged(
+        cls, comparison: Comparison, null: NullModel, *, back: Callable[[Comparison], Comparison] | None = None
+    ) -> OtherSides:
         """The comparison with what was measured in the place of what was simulated; `null` is that of the sides as they
-        are. What else the sides differ by, known or found, is in neither place: it is left to the nuisances."""
+        are. What else the sides differ by, known or found, is in neither place: it is left to the nuisances. `back`
+        brings frames of other moments to their partners (`mounting.brought_back`)."""
         division = null.division
-        turned = Division.of(exchange(comparison, division), chosen=division.blocks, parts=division.parts)
+        sides = exchange(comparison, division)
+        turned = Division.of(back(sides) if back else sides, chosen=division.blocks, parts=division.parts)
         other = NullModel.of(turned)
-        return cls(other, fit_noise(other.problem), alike(division, null.problem), EXCHANGED)
+        channels = frozenset(CHANNELS) if back else alike(division, null.problem)
+        # Casting blurs both sides alike: what is new loses there, and be it little.
+        return cls(other, fit_noise(other.problem), channels, EXCHANGED, share=0.0 if back else RULES.elsewhere_share)
 
     def shows(self, law: Law, values: dict[str, np.ndarray], of: Candidate, *, there: Problem, here: Problem) -> bool:
         """Whether a law with the values that a candidate was fitted to `there` is found here as well; both problems are
@@ -83,7 +96,7 @@ class OtherSides:
 
         # None of the scenes decides alone.
         gained = float(clipped(by_scene(placed.score)).mean())
-        if gained >= RULES.elsewhere_share * of.total / len(of.gain):
+        if gained >= self.share * of.total / len(of.gain):
             return True
         # Of a rare event most scenes of either side say nothing, and a lattice has no direction.
         if self.why != CONTROL or of.sudden or law.name in FINEST:

@@ -58,13 +58,19 @@ class Comparison:
     lattices: Levels | None = None
     """The simulator's lattices as its frames were read, where they were cast again, for what lies between two readings
     is on none. None where `scan` shows them."""
-    other_moments: bool = False
-    """Whether frames of one name are of different moments: rays whose ranges are of different surfaces count on neither
-    side."""
+    as_read: Scan | None = None
+    """The simulated frames where they were, of other moments than the measured ones: `scan` is as seen from where these
+    stood, and rays whose ranges are of different surfaces count on neither side. None where frames are of one moment.
+    """
     rest: Rest | None = None
     """The frames that were not read, because so many do not fit into memory."""
     control: Control = NO_CONTROL
     """What the simulator is known to lack by itself: it is in place whatever is asked."""
+
+    @property
+    def other_moments(self) -> bool:
+        """Whether frames of one name are of different moments."""
+        return self.as_read is not None
 
 
 @dataclass(frozen=True)

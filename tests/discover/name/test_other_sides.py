@@ -1,19 +1,24 @@
 """What both sides say of each other is told from what one of them lacks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from jaxsim.discover import discover
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.mounting import brought_back, place_mounting
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.other_sides import OtherSides, alike, clearly_more
 from jaxsim.discover.name.select import fitted_step
 from jaxsim.discover.read import Comparison
+from jaxsim.discover.rules import RULES
 from jaxsim.effects import get_effect, scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarImage
 from tests.discover.noisy_street import disturbed, grid, street
+from tests.discover.rooms import GRID, STILL, measured_of, registered, rooms, seen
 
 pytestmark = pytest.mark.long
 
@@ -60,7 +65,42 @@ def asked(comparison, name):
     null = NullModel.of(Division.of(comparison))
     [best] = rank_effects(null.problem, [get_effect(name)])
     step = fitted_step(null.problem, best, ranking=[best], good=[best])
-    return OtherSides.exchanged(comparison, null), step
+    back = brought_back if comparison.other_moments else None
+    return OtherSides.exchanged(comparison, null, back=back), step
+
+
+def of_other_moments(*, simulated_m, measured_m) -> Comparison:
+    """Rooms seen by a sensor that stood 1 to 4 m further on, whose beams read too far by so much on either side, m."""
+    rng, streets = np.random.default_rng(3), rooms(FRAMES)
+    names = tuple(f"{k:03d}" for k in range(FRAMES))
+    poses = [(ahead, *STILL[1:]) for ahead in np.linspace(1, 4, FRAMES)]
+    ours = [seen(room, noise_m=0.01, rng=rng) for room in streets]
+    theirs = [seen(room, pose, noise_m=0.01, rng=rng) for room, pose in zip(streets, poses, strict=True)]
+    ours, theirs = (
+        [replace(one, range_m=(one.range_m + off_m[:, None]).astype("f4")) for one in side]
+        for side, off_m in ((ours, simulated_m), (theirs, measured_m))
+    )
+    given = Comparison(
+        scan_of(GRID, ours), measured_of(theirs), names, names, registration=registered(ours, theirs, names)
+    )
+    return place_mounting(given, ()).comparison
+
+
+BEAMS_M = np.random.default_rng(1).normal(0, 0.04, len(GRID.elevation_rad))
+
+
+def test_what_casting_makes_of_beams_that_differ_is_found_with_the_sides_exchanged_too():
+    same = of_other_moments(simulated_m=BEAMS_M, measured_m=BEAMS_M)
+    assert same.other_moments
+    exchanged, step = asked(same, "beam_range_bias")
+    assert step.chosen.total > RULES.bar_nats
+    assert exchanged.has(step, exchanged.null.problem)
+
+
+def test_beams_that_are_off_on_one_side_are_no_matter_of_casting():
+    exchanged, step = asked(of_other_moments(simulated_m=0 * BEAMS_M, measured_m=BEAMS_M), "beam_range_bias")
+    assert step.chosen.total > RULES.bar_nats
+    assert not exchanged.has(step, exchanged.null.problem)
 
 
 def test_edges_that_both_sides_mix_are_nothing_that_one_lacks():
