@@ -9,7 +9,7 @@ far as the prior pulls: what intensities do not tell keeps the width of its prio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,11 @@ from jaxtyping import Float
 from jaxsim.discover.add import interval_of
 from jaxsim.discover.model.parameters import fitted_parameters, to_values, to_z
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import clipped
 from jaxsim.discover.unpaired.columns import Columns, change_of, derivatives
 from jaxsim.discover.unpaired.conditional import Conditional
 from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
+from jaxsim.discover.unpaired.select import held_out_losses
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect
 from jaxsim.metrics.intervals import student_reach
@@ -192,6 +194,17 @@ class JointFit:
         # The nuisances are inverted too, so that what they leave open widens z.
         inverse = np.linalg.inv(information * inner[np.ix_(columns, columns)] + precision)
         return inverse[-len(linear.z) :, -len(linear.z) :]
+
+
+def gain_of(problem: Conditional, refined: Refined) -> float:
+    """What effects gain with parameters that were fitted to all find scenes, nats, none of which decides alone; law and
+    nuisances are fitted without the scene that is judged."""
+    near = problem.side[:, problem.nuisance.columns]
+
+    def losses(change: Float[np.ndarray, " n"]) -> Float[np.ndarray, " f"]:
+        return held_out_losses(replace(problem, equations=equations_without(problem, near, change)), problem.nuisance)
+
+    return float(clipped(losses(0 * refined.change) - losses(refined.change)).sum())
 
 
 def equations_without(

@@ -186,11 +186,12 @@ def _folds(measured: np.ndarray) -> np.ndarray:
 
 
 def outside_catalogue(
-    problem: Conditional, choice: UnpairedChoice, curves: Sequence[UnpairedCandidate]
+    problem: Conditional, choice: UnpairedChoice, curves: Sequence[UnpairedCandidate], *, fitted: float
 ) -> Unexplained | None:
-    """The best free curve if it gains so much more than the best effect that it is none of them."""
+    """The best free curve if it gains so much more than the best effect that it is none of them. That may gain more
+    with parameters `fitted` (nats of all find scenes) than where its column was taken: a window's place and width."""
     good = [curve for curve in curves if curve.accepted and curve.name in CURVES_ALONG]
-    best = choice.steps[0].chosen.total if choice.steps else 0.0
+    best = max(choice.steps[0].chosen.total, fitted) if choice.steps else 0.0
     if good and good[0].total > RULES.unpaired_curve_factor * best + RULES.curve_margin_nats:
         return _described(problem, good[0])
     return None

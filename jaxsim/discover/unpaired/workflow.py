@@ -32,7 +32,7 @@ from jaxsim.discover.unpaired.conditional import Conditional, compare
 from jaxsim.discover.unpaired.law import Block, Equations, exchanged
 from jaxsim.discover.unpaired.lost import lattices, lost_rays
 from jaxsim.discover.unpaired.read import PER_SCENE, UnpairedComparison, read_unpaired
-from jaxsim.discover.unpaired.refine import Refined, equations_without, refine
+from jaxsim.discover.unpaired.refine import Refined, equations_without, gain_of, refine
 from jaxsim.discover.unpaired.select import (
     UnpairedCandidate,
     UnpairedChoice,
@@ -72,7 +72,8 @@ def discover_unpaired(
     # Name: effects as columns of the measured side, judged by exchanging scenes.
     log(f"fitting {len({term.name for term in problem.terms})} effects that act through what both sides have")
     choice = choose_unpaired(problem, draws)
-    unexplained = outside_catalogue(problem, choice, curves)
+    fitted = gain_of(problem, refine(problem, [step.chosen.term.columns for step in choice.steps[:1]]))
+    unexplained = outside_catalogue(problem, choice, curves, fitted=fitted)
     if unexplained:
         # What a free curve outdoes is not named: the catalogue's nearest law would be a wrong answer.
         choice = UnpairedChoice((), choice.last)

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.hidden.streets import make_unpaired
+from jaxsim.discover.scenes import clipped
 from jaxsim.discover.unpaired.conditional import compare
 from jaxsim.discover.unpaired.law import exchanged
 from jaxsim.discover.unpaired.read import read_unpaired
-from jaxsim.discover.unpaired.refine import JointFit, refine
+from jaxsim.discover.unpaired.refine import JointFit, gain_of, refine
+from jaxsim.discover.unpaired.select import held_out
 from jaxsim.discover.unpaired.workflow import divide
 from tests.discover.unpaired.made import RAYS, SMALL
 
@@ -39,6 +41,14 @@ def test_a_fit_ends_at_the_hidden_patch_and_leaves_open_what_intensities_do_not_
     assert said["loss"].value == pytest.approx(truth["loss"], abs=0.25)
     assert said["loss"].low > 0
     assert (said["drop"].low, said["drop"].high) == (0.0, 1.0)
+
+
+def test_a_patch_gains_more_on_unseen_scenes_where_it_is_than_where_its_column_was_taken(dirty):
+    _, problem, starts = dirty
+    best = max(starts, key=lambda c: held_out(problem, problem.nuisance, [c.block]).sum())
+    as_taken = clipped(held_out(problem, problem.nuisance, [best.block])[0]).sum()
+    assert gain_of(problem, refine(problem, [best.columns])) > 1.05 * as_taken > 0
+    assert gain_of(problem, refine(problem, [])) == 0
 
 
 def test_no_step_of_a_fit_raises_the_loss(dirty):

@@ -45,14 +45,15 @@ def test_a_curve_must_gain_clearly_more_than_the_best_effect(monkeypatch):
     best = candidate("beam_gain", 3.0)
     choice = UnpairedChoice((Step(best, (), (best,)),), ())
     problem = object.__new__(select.Conditional)
-    assert select.outside_catalogue(problem, choice, [curve("range", 5.5)]).covariate == "range"
-    assert select.outside_catalogue(problem, choice, [curve("range", 4.0)]) is None
+    assert select.outside_catalogue(problem, choice, [curve("range", 5.5)], fitted=1.0).covariate == "range"
+    assert select.outside_catalogue(problem, choice, [curve("range", 4.0)], fitted=1.0) is None
+    assert select.outside_catalogue(problem, choice, [curve("range", 5.5)], fitted=50.0) is None
 
 
 def test_a_curve_along_the_rows_is_an_effect_of_the_catalogue(monkeypatch):
     monkeypatch.setattr(select, "_described", lambda problem, one: Unexplained("intensity", one.name, "other", ""))
     problem = object.__new__(select.Conditional)
-    assert select.outside_catalogue(problem, UnpairedChoice((), ()), [curve("row", 9.0)]) is None
+    assert select.outside_catalogue(problem, UnpairedChoice((), ()), [curve("row", 9.0)], fitted=0.0) is None
 
 
 def test_the_share_of_a_covariate_is_that_of_held_out_squares():
