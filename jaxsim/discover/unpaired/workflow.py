@@ -72,7 +72,9 @@ def discover_unpaired(
     # Name: effects as columns of the measured side, judged by exchanging scenes.
     log(f"fitting {len({term.name for term in problem.terms})} effects that act through what both sides have")
     choice = choose_unpaired(problem, draws)
-    fitted = gain_of(problem, refine(problem, [step.chosen.term.columns for step in choice.steps[:1]]))
+    # The strongest effect where it is fitted, not where its column was taken.
+    strongest = [step.chosen.term.columns for step in choice.steps[:1]]
+    fitted = gain_of(problem, refine(problem, strongest)) if strongest else 0.0
     unexplained = outside_catalogue(problem, choice, curves, fitted=fitted)
     if unexplained:
         # What a free curve outdoes is not named: the catalogue's nearest law would be a wrong answer.
