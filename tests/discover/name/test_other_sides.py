@@ -76,10 +76,8 @@ def of_other_moments(*, simulated_m, measured_m) -> Comparison:
     poses = [(ahead, *STILL[1:]) for ahead in np.linspace(1, 4, FRAMES)]
     ours = [seen(room, noise_m=0.01, rng=rng) for room in streets]
     theirs = [seen(room, pose, noise_m=0.01, rng=rng) for room, pose in zip(streets, poses, strict=True)]
-    ours, theirs = (
-        [replace(one, range_m=(one.range_m + off_m[:, None]).astype("f4")) for one in side]
-        for side, off_m in ((ours, simulated_m), (theirs, measured_m))
-    )
+    ours = [replace(one, range_m=(one.range_m + simulated_m[:, None]).astype("f4")) for one in ours]
+    theirs = [replace(one, range_m=(one.range_m + measured_m[:, None]).astype("f4")) for one in theirs]
     given = Comparison(
         scan_of(GRID, ours), measured_of(theirs), names, names, registration=registered(ours, theirs, names)
     )
