@@ -2,8 +2,8 @@
 
 A ray that is lost has no range, so only its row and azimuth are known.
 
-Losses of single rays show in rows in which simulated rays nearly always hit something (the ground), between two
-neighbours on one surface. Whole columns are counted apart: those that are empty in most frames as a hidden sector,
+Losses of single rays show between two neighbours on one surface, in rows in which simulated rays nearly always hit
+something (the ground). Whole columns are counted apart: those that are empty in most frames as a hidden sector,
 the others as lost packets. Letters: f frames, s scenes, r rows, c columns.
 """
 
@@ -84,13 +84,25 @@ def lost_rays(
     hidden = (measured.empty.mean(0) > mostly) & (simulated.empty.mean(0) < 1 - mostly)
     effects, notes = _sector(comparison.grid, hidden, measured=measured, simulated=simulated)
     effects += _packets(measured, simulated, ~hidden)
-    # Rows that look at the sky lose rays to the street: their losses say nothing of the sensor.
-    rows = simulated.lost.mean((0, 2)) < 1 - RULES.unpaired_sure_hits
+    rows = _sure_rows(simulated, ~hidden)
     if rows.sum() < RULES.unpaired_fewest_rows:
         note = "in no three rows do simulated rays nearly always hit something: losses of single rays are not compared"
         return tuple(effects), (*notes, note)
     single, of_single = _single_rays(measured, simulated, rows, columns=~hidden)
     return (*effects, *single), (*notes, *of_single)
+
+
+def _sure_rows(simulated: _Side, columns: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " r"]:
+    """Rows in which simulated rays nearly always hit something; where these are too few, as beside a real sensor, rows
+    in which rays of these columns do that lie between two returns of one surface."""
+    # Rows that look at the sky lose rays to the street: their losses say nothing of the sensor.
+    sure = simulated.lost.mean((0, 2)) < 1 - RULES.unpaired_sure_hits
+    if sure.sum() >= RULES.unpaired_fewest_rows:
+        return sure
+    row_numbers = np.arange(len(sure))
+    lost = np.array([simulated.mean_share(row_numbers == row, columns) for row in row_numbers])
+    # NaN of rows without smooth surfaces compares as no such row.
+    return lost < RULES.unpaired_usual_losses
 
 
 def _sector(

@@ -21,8 +21,8 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.discover.unpaired.columns import Columns, change_of, derivatives
 from jaxsim.discover.unpaired.conditional import Conditional
+from jaxsim.discover.unpaired.held_out import held_out_losses
 from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
-from jaxsim.discover.unpaired.select import held_out_losses
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect
 from jaxsim.metrics.intervals import student_reach
@@ -114,17 +114,20 @@ class JointFit:
         parts = [change(values) for change, values in zip(self.changes, self.values, strict=True)]
         return sum(parts, np.zeros(len(self.problem.y)))
 
-    def linear(self) -> LinearEffects:
-        """The effects at their values."""
+    def derivatives(self) -> list[Columns]:
+        """Those of each effect in its parameters, at their values."""
         row = self.problem.rays.row
-        near = self.problem.side[:, self.problem.nuisance.columns]
-        parts = [
+        return [
             derivatives(effect, values, change, row=row, rows=self.rows)
             for effect, values, change in zip(self.effects, self.values, self.changes, strict=True)
         ]
+
+    def linear(self) -> LinearEffects:
+        """The effects at their values."""
+        near = self.problem.side[:, self.problem.nuisance.columns]
+        parts = self.derivatives()
         side = np.concatenate([near, *(part.columns for part in parts)], axis=1)
-        precision = np.concatenate([part.precision for part in parts])
-        block = Block(near.shape[1] + np.arange(len(precision)), precision)
+        block = _after(near, parts)
         return LinearEffects(equations_without(self.problem, side, self.change()), block, self.z)
 
     def ahead(self, linear: LinearEffects, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
@@ -194,6 +197,27 @@ class JointFit:
         # The nuisances are inverted too, so that what they leave open widens z.
         inverse = np.linalg.inv(information * inner[np.ix_(columns, columns)] + precision)
         return inverse[-len(linear.z) :, -len(linear.z) :]
+
+
+def beside(problem: Conditional, chosen: Sequence[Columns]) -> Conditional:
+    """The problem with the effects of the chosen columns fitted: what they change is off the measured readings, and
+    where their parameters may still go stands among the nuisances."""
+    joint = JointFit(problem, chosen)
+    joint.fit()
+    parts = joint.derivatives()
+    side = np.concatenate([problem.side, *(part.columns for part in parts)], axis=1)
+    moves = _after(problem.side, parts)
+    near = problem.nuisance
+    nuisance = Block(np.concatenate([near.columns, moves.columns]), np.concatenate([near.precision, moves.precision]))
+    change = joint.change()
+    y = problem.y - np.where(problem.comparison.measured[problem.comparison.scene], change, 0)
+    return replace(problem, y=y, side=side, equations=equations_without(problem, side, change), nuisance=nuisance)
+
+
+def _after(side: Float[np.ndarray, "n k"], parts: Sequence[Columns]) -> Block:
+    """The parts' columns as one block after those of a side."""
+    precision = np.concatenate([part.precision for part in parts])
+    return Block(side.shape[1] + np.arange(len(precision)), precision)
 
 
 def gain_of(problem: Conditional, refined: Refined) -> float:

@@ -10,12 +10,12 @@ Letters: d draws of which scenes count as measured, the true one first; f find s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.name.select import Selection, Step, worse
@@ -23,7 +23,9 @@ from jaxsim.discover.name.unexplained import X_WORDS, shape_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.unpaired.conditional import Conditional, Term
-from jaxsim.discover.unpaired.law import Block, Pooled, Solution, lowered, solve
+from jaxsim.discover.unpaired.held_out import held_out
+from jaxsim.discover.unpaired.law import lowered
+from jaxsim.discover.unpaired.refine import beside
 from jaxsim.discover.verdict import Unexplained
 
 CURVES_ALONG = ("range", "incidence", "azimuth")
@@ -79,12 +81,14 @@ UnpairedChoice = Selection[UnpairedCandidate]
 
 
 def choose_unpaired(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> UnpairedChoice:
-    """Adds the best accepted effect, and again, until none is accepted."""
+    """Adds the best accepted effect, and again beside what was added, until none is accepted."""
     steps: list[Step[UnpairedCandidate]] = []
     rest = list(problem.terms)
+    left = problem
     while True:
-        ranking = rank_terms(problem, rest, draws, added=[step.chosen.term.block for step in steps])
-        good = [candidate for candidate in ranking if candidate.accepted]
+        ranking = rank_terms(left, rest, draws)
+        least = RULES.unpaired_least_share * steps[0].chosen.total if steps else 0.0
+        good = [candidate for candidate in ranking if candidate.accepted and candidate.total >= least]
         if not good or len(steps) == RULES.unpaired_most_effects:
             return UnpairedChoice(tuple(steps), tuple(ranking))
         best = good[0]
@@ -92,6 +96,8 @@ def choose_unpaired(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Un
         steps.append(Step(best, alike, tuple(ranking)))
         # All starts of the effect are done with, not the best alone.
         rest = [term for term in rest if term.name != best.name]
+        # Where its column was taken is not where it lies: what is left there would be named as another effect.
+        left = beside(problem, [step.chosen.term.columns for step in steps])
 
 
 def _alike(candidate: UnpairedCandidate, best: UnpairedCandidate) -> bool:
@@ -102,15 +108,10 @@ def _alike(candidate: UnpairedCandidate, best: UnpairedCandidate) -> bool:
     return not worse(candidate, best, share=share, nats=0.0)
 
 
-def rank_terms(
-    problem: Conditional, terms: Sequence[Term], draws: Float[np.ndarray, "d s"], *, added: Sequence[Block] = ()
-) -> list[UnpairedCandidate]:
-    """Every term tested on the find scenes with `added` blocks in place; largest held-out gain first. Of an effect with
-    several starts the best is kept."""
-    beside = [problem.nuisance, *added]
-    near = Block(
-        np.concatenate([block.columns for block in beside]), np.concatenate([block.precision for block in beside])
-    )
+def rank_terms(problem: Conditional, terms: Sequence[Term], draws: Float[np.ndarray, "d s"]) -> list[UnpairedCandidate]:
+    """Every term tested on the find scenes; largest held-out gain first. Of an effect with several starts the best is
+    kept."""
+    near = problem.nuisance
     blocks = [term.block for term in terms]
     drops = lowered(problem.equations, draws, blocks, weight=problem.weight, nuisance=near)
     # The root of the loss is near normal, so that terms of more and fewer columns can be held against each other.
@@ -135,54 +136,6 @@ def rank_terms(
         for name in dict.fromkeys(term.name for term in terms)
     ]
     return sorted(best, key=lambda candidate: -candidate.total)
-
-
-def held_out(problem: Conditional, near: Block, blocks: Sequence[Block]) -> Float[np.ndarray, "t f"]:
-    """Gain of each find scene, nats, by fits on the others with `near` in place; 0 where a coefficient has the wrong
-    sign."""
-    gains = np.zeros((len(blocks), problem.find.sum()))
-    wrong = np.zeros(len(blocks), bool)
-    for out, pooled in _without_each(problem):
-        before = _losses(problem, solve(pooled, [near]))[out]
-        for b, block in enumerate(blocks):
-            solution = solve(pooled, [near, block])
-            wrong[b] |= bool(block.sign) and solution.side[len(near.columns)] * block.sign <= 0
-            gains[b, out] = before - _losses(problem, solution)[out]
-    # An effect that helps with its sign turned is another effect.
-    gains[wrong] = 0
-    return gains
-
-
-def held_out_losses(problem: Conditional, near: Block) -> Float[np.ndarray, " f"]:
-    """Loss of each find scene, nats, by fits of `near` on the others: what a gain of `held_out` is a share of."""
-    losses = np.zeros(problem.find.sum())
-    for out, pooled in _without_each(problem):
-        losses[out] = _losses(problem, solve(pooled, [near]))[out]
-    return losses
-
-
-def _losses(problem: Conditional, solution: Solution) -> Float[np.ndarray, " f"]:
-    """The loss of each find scene, nats."""
-    return problem.equations.losses(solution, problem.measured)[problem.find]
-
-
-def _without_each(problem: Conditional) -> Iterator[tuple[Bool[np.ndarray, " f"], Pooled]]:
-    """For each fold, which find scenes it holds out, and the equations of the others."""
-    index = np.flatnonzero(problem.find)
-    fold = _folds(problem.comparison.measured[index])
-    for k in range(RULES.unpaired_folds):
-        weight = np.zeros(len(problem.find))
-        # Whole scenes are held out, of both sides: the law itself is fitted without them.
-        weight[index[fold != k]] = 1
-        yield fold == k, problem.equations.pooled(weight, problem.measured)
-
-
-def _folds(measured: np.ndarray) -> np.ndarray:
-    """The fold of each scene: scenes of either side are dealt in turn."""
-    fold = np.zeros(len(measured), int)
-    for side in (False, True):
-        fold[measured == side] = np.arange((measured == side).sum()) % RULES.unpaired_folds
-    return fold
 
 
 def outside_catalogue(

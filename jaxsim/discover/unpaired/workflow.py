@@ -29,6 +29,7 @@ from jaxsim.discover.show.gap import gap_of, share_of
 from jaxsim.discover.show.pictures import Bins, GridSums
 from jaxsim.discover.unpaired.columns import INCIDENCE_SET, untold
 from jaxsim.discover.unpaired.conditional import Conditional, compare
+from jaxsim.discover.unpaired.held_out import held_out_losses
 from jaxsim.discover.unpaired.law import Block, Equations, exchanged
 from jaxsim.discover.unpaired.lost import lattices, lost_rays
 from jaxsim.discover.unpaired.read import PER_SCENE, UnpairedComparison, read_unpaired
@@ -37,7 +38,6 @@ from jaxsim.discover.unpaired.select import (
     UnpairedCandidate,
     UnpairedChoice,
     choose_unpaired,
-    held_out_losses,
     outside_catalogue,
     rank_terms,
 )

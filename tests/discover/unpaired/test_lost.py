@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.blind.hidden.streets import make_unpaired
 from jaxsim.discover.scenes import difference_interval
-from jaxsim.discover.unpaired.lost import _borders, _compared, _run, _sector, _Side, _single_rays, lost_rays
+from jaxsim.discover.unpaired.lost import _borders, _compared, _run, _sector, _Side, _single_rays, _sure_rows, lost_rays
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.workflow import divide
 from jaxsim.frame import PolarGrid
@@ -103,3 +103,17 @@ def test_a_sector_is_as_sure_as_the_scenes_that_show_it_are_many(scenes, p):
     # It costs its columns in the scenes that show it alone.
     assert named[0].gain.value == pytest.approx(15 / 60 * scenes / 12)
     assert named[0].gain.low <= named[0].gain.value <= named[0].gain.high
+
+
+def test_beside_a_real_sensor_rows_count_in_which_smooth_surfaces_lose_little():
+    simulated = side(0)
+    every = np.ones(60, bool)
+    assert _sure_rows(simulated, every).all()
+    # Half of the rays hit nothing, or what does not return: of the others none is lost.
+    simulated.smooth[..., 1::2] = False
+    simulated.lost[..., 1::2] = True
+    assert _sure_rows(simulated, every).all()
+    # In these rows smooth surfaces lose a tenth, and in the last there is none.
+    simulated.lost[:, :2, ::10] = True
+    simulated.smooth[:, 5] = False
+    np.testing.assert_array_equal(_sure_rows(simulated, every), [False, False, True, True, True, False])

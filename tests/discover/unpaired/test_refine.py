@@ -6,10 +6,10 @@ import pytest
 from benchmarks.blind.hidden.streets import make_unpaired
 from jaxsim.discover.scenes import clipped
 from jaxsim.discover.unpaired.conditional import compare
+from jaxsim.discover.unpaired.held_out import held_out
 from jaxsim.discover.unpaired.law import exchanged
 from jaxsim.discover.unpaired.read import read_unpaired
-from jaxsim.discover.unpaired.refine import JointFit, gain_of, refine
-from jaxsim.discover.unpaired.select import held_out
+from jaxsim.discover.unpaired.refine import JointFit, beside, gain_of, refine
 from jaxsim.discover.unpaired.workflow import divide
 from tests.discover.unpaired.made import RAYS, SMALL
 
@@ -49,6 +49,19 @@ def test_a_patch_gains_more_on_unseen_scenes_where_it_is_than_where_its_column_w
     as_taken = clipped(held_out(problem, problem.nuisance, [best.block])[0]).sum()
     assert gain_of(problem, refine(problem, [best.columns])) > 1.05 * as_taken > 0
     assert gain_of(problem, refine(problem, [])) == 0
+
+
+def test_a_fitted_patch_leaves_simulated_readings_alone_and_next_to_nothing_of_itself(dirty):
+    _, problem, starts = dirty
+    best = max(starts, key=lambda c: held_out(problem, problem.nuisance, [c.block]).sum())
+    left = beside(problem, [best.columns])
+    measured = problem.comparison.measured[problem.comparison.scene]
+    np.testing.assert_array_equal(left.y[~measured], problem.y[~measured])
+    # What dirt took is given back.
+    assert (left.y[measured] - problem.y[measured]).max() > 0.5
+    along_azimuth = next(curve for curve in problem.curves if curve.name == "azimuth")
+    gains = [clipped(held_out(of, of.nuisance, [along_azimuth.block])[0]).sum() for of in (problem, left)]
+    assert gains[1] < 0.1 * gains[0]
 
 
 def test_no_step_of_a_fit_raises_the_loss(dirty):
