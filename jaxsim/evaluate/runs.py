@@ -25,8 +25,8 @@ from jaxsim.progress import Progress
 from jaxsim.runs.frames import RunFrames, judges_of, positions_of, read_frames
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, load_run
+from jaxsim.simulate.learned_sensor import LearnedSensor
 from jaxsim.simulate.predict import make_predict
-from jaxsim.simulate.sensor import LearnedSensor
 
 MEAN_OF = 5
 """Checkpoints that a run's mean is over. The paper averages five epochs; a checkpoint is an epoch where the run saved
@@ -34,7 +34,7 @@ with `save_every` 0."""
 
 
 @dataclass(frozen=True)
-class SensorScores:
+class LearnedSensorScores:
     """What a learned sensor scores on frames, and what pictures of it need."""
 
     pairs: PreparedPairs
@@ -54,7 +54,7 @@ class SensorScores:
     """Between predicted and measured intensity images; None where no extractor was given."""
 
 
-def score_sensor(
+def score_learned_sensor(
     learned: LearnedSensor,
     data: DataConfig,
     *,
@@ -63,7 +63,7 @@ def score_sensor(
     recorded: RunFrames | None = None,
     trees: bool = False,
     extractor: Extractor | None = None,
-) -> SensorScores:
+) -> LearnedSensorScores:
     """Scores a learned sensor on frames of a data set, chosen by `judges_of`.
 
     The baselines are fitted to the training frames of the run's own data set, with `trees` boosted trees too. The
@@ -101,7 +101,7 @@ def score_sensor(
     if extractor:
         settings = {"extractor": extractor, "prepare": prepare, "cache": of_run.cache / "statistics"}
         frechet = frechet_of_run(learned.generate, learned.params, judged, **settings)
-    return SensorScores(
+    return LearnedSensorScores(
         judged,
         predict,
         scores={name: total_scores(frames) for name, frames in sums.items()},

@@ -40,7 +40,7 @@ from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress, counted
 from jaxsim.simulate.clouds import check_recipe, grid_file, make_cloud
 from jaxsim.simulate.frames import begin_of
-from jaxsim.simulate.sensor import LearnedSensor
+from jaxsim.simulate.learned_sensor import LearnedSensor
 
 _log = logging.getLogger(__name__)
 

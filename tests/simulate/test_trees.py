@@ -16,7 +16,7 @@ from jaxsim.data import KittiObject
 from jaxsim.data.polar_frames import write_grid
 from jaxsim.effects.chain import SensorModel
 from jaxsim.geometry import LidarSpec, full_grid
-from jaxsim.simulate.sensor import load
+from jaxsim.simulate.learned_sensor import load
 from jaxsim.simulate.trees import export_trees
 from tests.cloud import openpcdet_rules as rules
 from tests.simulate.made_trees import Six, boxes_at
