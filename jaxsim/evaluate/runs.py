@@ -10,7 +10,7 @@ from pathlib import Path
 from jaxsim.config import DataConfig, RunConfig
 from jaxsim.data import open_dataset
 from jaxsim.data.records import PreparedPairs
-from jaxsim.data.seen import Side, warn_of_seen, warn_of_seen_pairs
+from jaxsim.data.seen import SplitSide, warn_of_seen, warn_of_seen_pairs
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
@@ -163,7 +163,7 @@ def score_checkpoints(run: Path, data: DataConfig, *, frames: str = "", validati
         with suppress(ValueError):
             learned = positions_of(recorded and recorded.train, dataset, text=trained.data.train, part="training")
         names = [dataset.name_of(i) for i in positions]
-        warn_of_seen(Side(learned), Side(positions), names=names)
+        warn_of_seen(SplitSide(learned), SplitSide(positions), names=names)
     scenes = experiment_scenes(dataset, positions, experiment)
     find = make_find(experiment)
     per_step: list[list[Curve]] = []
