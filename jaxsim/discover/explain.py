@@ -142,7 +142,7 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
     """What a reader must know; `held` are the effects that the sensor model already had."""
     return (
         *comparison.notes,
-        *_of_the_scenes(comparison, division, answer, held),
+        *_of_the_scenes(comparison, division, answer, held=held),
         *_of_the_simulator(comparison, division),
         *_not_said(answer),
         *_of_places(comparison, answer),
@@ -154,7 +154,7 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
     )
 
 
-def _of_the_scenes(comparison: Comparison, division: Division, answer: Answer, held: Sequence[str]) -> Iterator[str]:
+def _of_the_scenes(comparison: Comparison, division: Division, answer: Answer, *, held: Sequence[str]) -> Iterator[str]:
     """What scenes cannot tell: those that were judged before, those of few drives, and few of them."""
     if held:
         yield (
