@@ -150,9 +150,9 @@ def sample_run() -> str:
     begun = time.monotonic()
     import jaxsim  # waits: it loads all of the library
 
-    sensor = jaxsim.load("embedded")
+    learned = jaxsim.load("embedded")
     view = jaxsim.open_dataset("synthetic")[SAMPLE_FRAME].camera
-    cloud = sensor.simulate(rgb=view.rgb, depth_m=view.depth_m, semantic=view.semantic, instance=view.instance)
+    cloud = learned.simulate(rgb=view.rgb, depth_m=view.depth_m, semantic=view.semantic, instance=view.instance)
     valid = np.asarray(cloud.valid)
     if not valid.any() or not np.isfinite(np.asarray(cloud.xyz_m)[valid]).all():
         raise ValueError(f"doctor: the sample cloud has {valid.sum()} points, or some that are not finite")

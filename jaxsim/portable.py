@@ -59,7 +59,7 @@ class Exported:
     the file."""
 
 
-def export_network(sensor: LearnedSensor, path: Path, *, to: _Form, batch: int | None = None) -> Exported:
+def export_network(learned: LearnedSensor, path: Path, *, to: _Form, batch: int | None = None) -> Exported:
     """Writes the run's network, and beside it what its channels are.
 
     StableHLO takes any batch unless one is given, and lowers for CPU, CUDA and TPU; ONNX takes the batch given, by
@@ -67,13 +67,13 @@ def export_network(sensor: LearnedSensor, path: Path, *, to: _Form, batch: int |
     """
     if batch is not None and batch < 1:
         raise ValueError(f"convert: a batch of {batch}; give 1 or more")
-    experiment = sensor.run.experiment
+    experiment = learned.run.experiment
     channels = input_channels(experiment.prepare)
     size = (*experiment.prepare.network_size, channels)
-    told = describe_network(sensor)
+    told = describe_network(learned)
     # Another function than the sensor's own, which may have been traced for this machine's device already.
     generate = make_generate(experiment, channels)
-    network: _Network = lambda inputs: generate(sensor.params, inputs)  # noqa: E731
+    network: _Network = lambda inputs: generate(learned.params, inputs)  # noqa: E731
     inputs = np.random.default_rng(0).uniform(-1, 1, (batch or 1, *size)).astype(np.float32)
     if to == "onnx":
         with for_any_device():
@@ -87,19 +87,19 @@ def export_network(sensor: LearnedSensor, path: Path, *, to: _Form, batch: int |
     with replacing(path) as temporary:
         temporary.write_bytes(content)
     write_text(path.with_suffix(path.suffix + ".json"), json.dumps(told, indent=2) + "\n")
-    ours = np.asarray(sensor.generate(sensor.params, inputs))
+    ours = np.asarray(learned.generate(learned.params, inputs))
     return Exported(path, len(content), None if exported is None else float(np.abs(exported - ours).max()))
 
 
-def describe_network(sensor: LearnedSensor) -> dict[str, Any]:
+def describe_network(learned: LearnedSensor) -> dict[str, Any]:
     """Each channel's name, the size, and what the outputs mean."""
-    prepare = sensor.run.experiment.prepare
+    prepare = learned.run.experiment.prepare
     names = []
     for name in prepare.inputs:
         count = INPUT_CHANNELS[name] or len(prepare.classes)
         kinds = [f"{name} {k}" for k in (range(count) if INPUT_CHANNELS[name] else prepare.classes)]
         names += [name] if count == 1 else kinds
-    distribution = sensor.run.experiment.generator.channels > len(QUANTILES)
+    distribution = learned.run.experiment.generator.channels > len(QUANTILES)
     meaning = (
         f"quantiles {', '.join(map(str, QUANTILES))} of the intensity as 2 x - 1, then the logit of a drop"
         if distribution
@@ -111,7 +111,7 @@ def describe_network(sensor: LearnedSensor) -> dict[str, Any]:
         "columns": prepare.network_size[1],
         "max_range_m": prepare.max_range_m,
         "outputs": meaning,
-        "sensor": sensor.fingerprint,
+        "sensor": learned.fingerprint,
     }
 
 

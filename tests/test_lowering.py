@@ -37,7 +37,7 @@ from jaxsim.prepare.denoise.lidia import Variant, apply, from_published, publish
 from jaxsim.prepare.depth.penet.training import create_state as create_penet
 from jaxsim.prepare.depth.penet.training import train_step as train_penet
 from jaxsim.runs.run import describe_run
-from jaxsim.simulate.sensor import LearnedSensor
+from jaxsim.simulate.learned_sensor import LearnedSensor
 from jaxsim.train.experiments import load_experiment
 from tests.detect import tiny
 from tests.discover.toy import device, toy

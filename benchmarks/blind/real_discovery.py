@@ -37,7 +37,7 @@ from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.report.discovery import write_report
-from jaxsim.simulate.sensor import load
+from jaxsim.simulate.learned_sensor import load
 from jaxsim.simulate.sides import write_pairs
 
 LINEAR = 100

@@ -35,8 +35,8 @@ from jaxsim.pairs.prepared import prepared
 from jaxsim.report.pictures import intensity_panel, save_picture, strip
 from jaxsim.report.results import markdown_table, write_results
 from jaxsim.simulate.grain import Grain, draw_ranks, read_grain
+from jaxsim.simulate.learned_sensor import LearnedSensor
 from jaxsim.simulate.predict import Prediction, drawn, make_predict
-from jaxsim.simulate.sensor import LearnedSensor
 
 SAME_M = 0.05
 """Cells whose ranges differ by less are one surface."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxsim.cluster import spread, with_absolute_paths
-from jaxsim.simulate.sensor import LearnedSensor, load
+from jaxsim.simulate.learned_sensor import LearnedSensor, load
 
 
 class OnWorkers:

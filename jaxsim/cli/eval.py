@@ -14,14 +14,14 @@ from jaxsim.cli.eval_detection import judge_run
 from jaxsim.cli.flags import SAME, DataSource
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.evaluate.intensity import frechet_line
-from jaxsim.evaluate.runs import SensorScores, score_sensor
+from jaxsim.evaluate.runs import LearnedSensorScores, score_learned_sensor
 from jaxsim.metrics.inception import open_extractor
 from jaxsim.progress import counted
 from jaxsim.report.pictures import Rgb, pair_picture, save_pictures
 from jaxsim.report.results import write_frechet, write_scores
 from jaxsim.runs.frames import read_frames
 from jaxsim.runs.run import is_detector, load_run
-from jaxsim.simulate.sensor import LearnedSensor, load
+from jaxsim.simulate.learned_sensor import LearnedSensor, load
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ class Evaluation(Checked):
                 raise ValueError(f"eval: {self.run} is a detector's run, which --trees and --fid are not for")
             return judge_run(self.run, self.data, frames=self.frames, out=out, pictures=self.pictures)
 
-        sensor = load(self.run)
-        of_run = sensor.run.experiment.data
+        learned = load(self.run)
+        of_run = learned.run.experiment.data
         data, validation = self.data.config(of_run), self.data.validation(of_run)
         extractor = open_extractor(self.fid, self.fid_features) if self.fid else None
-        judged = score_sensor(
-            sensor,
+        judged = score_learned_sensor(
+            learned,
             data,
             frames=self.frames,
             validation=validation,
@@ -87,7 +87,7 @@ class Evaluation(Checked):
         names = judged.pairs.names
         over_scenes = {"intervals": judged.intervals, "differences": judged.differences, "scenes": judged.scenes}
         tables = write_scores(out, judged.scores, frames=names, distribution=judged.distribution, **over_scenes)
-        save_pictures(out, _drawn(judged, sensor, self.pictures), by="eval")
+        save_pictures(out, _drawn(judged, learned, self.pictures), by="eval")
         print(f"{counted(len(judged.pairs), 'frame')} of {data.kind}\n\n{tables}\n")
         if extractor and judged.frechet:
             write_frechet(out, judged.frechet, extractor=extractor.name)
@@ -95,9 +95,9 @@ class Evaluation(Checked):
         print(f"scores and pictures: {out}")
 
 
-def _drawn(judged: SensorScores, sensor: LearnedSensor, count: int) -> Iterator[tuple[str, Rgb]]:
+def _drawn(judged: LearnedSensorScores, learned: LearnedSensor, count: int) -> Iterator[tuple[str, Rgb]]:
     """The name and the picture of each of the first frames that were judged."""
     for name, pair in zip(judged.pairs.names[:count], judged.pairs, strict=False):
-        says = judged.predict(sensor.params, pair)
+        says = judged.predict(learned.params, pair)
         spread = None if says.quantiles is None else np.asarray(says.quantiles[..., -1] - says.quantiles[..., 0])
         yield name, pair_picture(pair, np.asarray(says.reported), title=name, spread=spread)

@@ -14,7 +14,7 @@ from jaxsim.config.ranges import Count, Positive, Share
 from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
-from jaxsim.simulate.sensor import LearnedSensor, load
+from jaxsim.simulate.learned_sensor import LearnedSensor, load
 from jaxsim.simulate.trees import LabelRules, Occlusion, TreeMaker, TreePlan, choose_frames, export_trees
 
 

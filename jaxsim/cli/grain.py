@@ -14,8 +14,8 @@ from jaxsim.pairs.prepared import prepared
 from jaxsim.report.results import markdown_table
 from jaxsim.simulate.grain import Field, save_grain
 from jaxsim.simulate.grain_fit import NO_DISTRIBUTION, learn_grain
+from jaxsim.simulate.learned_sensor import load
 from jaxsim.simulate.predict import make_predict
-from jaxsim.simulate.sensor import load
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,14 @@ class LearnGrain(Checked):
     """Frames to learn from: `0-99`. Empty: the run's validation frames, or all of another data set."""
 
     def __call__(self) -> None:
-        sensor = load(self.run)
-        if sensor.run.experiment.generator.form != "unet":  # before frames are prepared for it
+        learned = load(self.run)
+        if learned.run.experiment.generator.form != "unet":  # before frames are prepared for it
             raise ValueError(NO_DISTRIBUTION)
-        of_run, prepare = sensor.run.experiment.data, sensor.run.experiment.prepare
+        of_run, prepare = learned.run.experiment.data, learned.run.experiment.prepare
         data = self.data.config(of_run)
         dataset, positions = self.data.open(of_run, frames=self.frames, run=self.run)
         pairs = prepared(dataset, positions, data, prepare=prepare)
-        grain = learn_grain(make_predict(sensor.generate, prepare), sensor.params, pairs, scenes=pairs.scenes)
+        grain = learn_grain(make_predict(learned.generate, prepare), learned.params, pairs, scenes=pairs.scenes)
         for what, fields in (("intensity", grain.intensity), ("lost rays", grain.drop)):
             print(f"{what}\n\n{markdown_table(['share', 'columns', 'rows', 'edge, m'], [*map(_row, fields)])}\n")
         print(f"{save_grain(self.run, grain)}: jaxsim simulate {self.run} --draws")

@@ -20,7 +20,7 @@ from jaxsim.report.clouds import draw_simulated, write_simulated
 from jaxsim.report.scenes import CLOUDS_PAGE
 from jaxsim.simulate.folder import FrameMaker, simulate_folder
 from jaxsim.simulate.grain import read_grain
-from jaxsim.simulate.sensor import LearnedSensor, Projection, load
+from jaxsim.simulate.learned_sensor import LearnedSensor, Projection, load
 
 
 @dataclass(frozen=True)

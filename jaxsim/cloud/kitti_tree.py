@@ -29,7 +29,7 @@ REACH_M = 80.0
 _DONT_CARE = "-1 -1 -10 {} -1 -1 -1 -1000 -1000 -1000 -10"
 
 
-def files_of(root: Path, number: str) -> list[Path]:
+def tree_files(root: Path, number: str) -> list[Path]:
     """Files of a frame, the label last."""
     return [root / "training" / folder / f"{number}{suffix}" for folder, suffix in SUFFIX_OF.items()]
 
@@ -51,7 +51,7 @@ def write_kitti_frame(
     """
     check_cloud(cloud, number)
     lines = label_lines(boxes)
-    velodyne, calibration, image, label = files_of(root, number)
+    velodyne, calibration, image, label = tree_files(root, number)
     save_cloud(velodyne, cloud)
     write_text(calibration, calibration_text(view.camera, rect_from_velo))
     write_image(image, np.asarray(view.rgb), by="kitti")
@@ -205,13 +205,15 @@ class TreeRecord:
     def has(self, out: Path, number: str) -> bool:
         """Whether a frame is done: all its files are there, or it was left out."""
         about = self.frames.get(number)
-        return about is not None and (bool(about["left_out"]) or all(path.is_file() for path in files_of(out, number)))
+        return about is not None and (
+            bool(about["left_out"]) or all(path.is_file() for path in tree_files(out, number))
+        )
 
     def anew(self, out: Path, number: str, source: str) -> str:
         """Why a frame that is done is to be made anew, in words; empty where it may stay. Its cloud is no whole number
         of points, or `source`, the stamp of what it is made of, is another than its entry has."""
         about = self.frames[number]
-        cloud, *_ = files_of(out, number)
+        cloud, *_ = tree_files(out, number)
         if not about["left_out"] and (cloud.stat().st_size % 16 or not cloud.stat().st_size):
             return "its cloud is cut off"
         return why_anew(str(about.get("source", "")), source)

@@ -16,7 +16,7 @@ from jaxsim.config.ranges import (
     NotNegative,
     OfFrame,
     Positive,
-    Weights,
+    WeightsFile,
     Whole,
     settings_of,
 )
@@ -122,11 +122,11 @@ class PrepareConfig(Checked):
     depth: Literal["given", "ip_basic", "ip_basic_fast", "penet"] = "given"
     """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
     is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps. `penet` is learned and also sees the image."""
-    depth_weights: Weights[Path | None] = None
+    depth_weights: WeightsFile[Path | None] = None
     """Of `penet`: the file that `jaxsim convert penet` or a training wrote."""
     denoise: Literal["none", "non_local_means", "lidia"] = "none"
     """Denoiser of the target intensity: OpenCV's non-local means, or the network of the paper, LIDIA."""
-    denoise_weights: Weights[Path | None] = None
+    denoise_weights: WeightsFile[Path | None] = None
     """Of `lidia`: the file that `jaxsim convert lidia` wrote."""
     denoise_statistics: Literal["stored", "image"] = "image"
     """What the batch norms of `lidia` divide by: each image's own statistics, as the published scripts do, or those of

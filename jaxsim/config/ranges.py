@@ -36,7 +36,7 @@ File = Annotated[T, "file"]  # where that lies which is learned from
 Drawn = Annotated[T, "drawn"]  # what chance decides in training
 Chosen = Annotated[T, "chosen"]  # which of a data set's frames are used
 OfFrame = Annotated[T, "frame"]  # what the frame at a position holds, besides its files
-Weights = Annotated[T, "weights"]  # a file of weights: what it holds counts, wherever it lies
+WeightsFile = Annotated[T, "weights"]  # a file of weights: what it holds counts, wherever it lies
 
 MOST_SETTING = 1e12
 """No setting is larger, whatever it is of: a seed, a rate, a number of steps."""

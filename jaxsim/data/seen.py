@@ -17,7 +17,7 @@ MOST = 1000
 """Frames whose values are compared; of more, which would have to be read from disk first, only their keys are."""
 
 
-class Side(NamedTuple):
+class SplitSide(NamedTuple):
     """The frames on one side of a split."""
 
     keys: Sequence[Any]
@@ -26,14 +26,14 @@ class Side(NamedTuple):
     """What the sensor measured of a frame, which is the same in a copy of its files; None where that is not known."""
 
 
-def side_of_pairs(pairs: PreparedPairs) -> Side:
+def side_of_pairs(pairs: PreparedPairs) -> SplitSide:
     """The pairs as a side of a split."""
 
     def values(i: int) -> list[np.ndarray]:
         measured = pairs[i].measured
         return [np.asarray(measured.range_m)[measured.valid], np.asarray(measured.intensity)[measured.valid]]
 
-    return Side(pairs.keys, values)
+    return SplitSide(pairs.keys, values)
 
 
 def warn_of_seen_pairs(learned: PreparedPairs, judged: PreparedPairs) -> None:
@@ -42,7 +42,7 @@ def warn_of_seen_pairs(learned: PreparedPairs, judged: PreparedPairs) -> None:
         warn_of_scenes({*learned.scenes} & {*judged.scenes}, who="the network")
 
 
-def warn_of_seen(learned: Side, judged: Side, *, names: Sequence[str]) -> bool:
+def warn_of_seen(learned: SplitSide, judged: SplitSide, *, names: Sequence[str]) -> bool:
     """Warns where frames that judge, of these names, are learned from too, or are copies of such; whether it did."""
     seen = frames_seen(learned, judged)
     if seen:
@@ -63,7 +63,7 @@ def warn_of_scenes(shared: Collection[str], *, who: str) -> None:
         )
 
 
-def frames_seen(learned: Side, judged: Side) -> list[int]:
+def frames_seen(learned: SplitSide, judged: SplitSide) -> list[int]:
     """Which of the frames that judge are on the other side, too, by their keys or by what was measured."""
     keys = {*learned.keys}
     seen = {i for i, key in enumerate(judged.keys) if key in keys}

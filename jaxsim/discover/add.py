@@ -73,23 +73,23 @@ def add_effects(
         z.append(to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1]))
     again = refit(null, laws, z)
     refits, law_refits = again[: len(steps)], again[len(steps) :]
-    named = [(fitted.effect.plain_name, parameters_of(fitted.effect, fitted.fit.z)) for fitted in refits]
+    named = [(one.effect.plain_name, parameters_of(one.effect, one.fit.z)) for one in refits]
     learned = learn(form, law_refits[0].problem, law_refits[0].fit) if form else None
     laws_learned = (*known.learned, *((learned.learned,) if learned else ()))
     return Added(
         refits,
-        tuple(intervals(fitted.effect, fitted.problem, fitted.fit) for fitted in refits),
+        tuple(intervals(one.effect, one.problem, one.fit) for one in refits),
         SensorModel((*known.effects, *named), learned=laws_learned, regions={**known.regions, **(regions or {})}),
         law_refits,
         learned,
     )
 
 
-def effect_on_rays(null: Problem, fitted: Refit) -> dict[str, Interval]:
+def effect_on_rays(null: Problem, named: Refit) -> dict[str, Interval]:
     """What a named effect alone changes on the rays that are compared, by channel: the mean, and the 5th and 95th
     percentile. Nuisances take up much of it in the gap; of an effect that scatters, rounds or adds returns, nothing."""
     before = null.ev.rays
-    after = on_top(fitted.effect, null, fitted.fit.z, simulated=True).ev.rays
+    after = on_top(named.effect, null, named.fit.z, simulated=True).ev.rays
     both = np.asarray(before.hit & after.hit)
     intensity = np.expm1(np.asarray(after.log_intensity) - np.asarray(before.log_intensity))
     lost = -np.expm1(np.asarray(after.log_keep) - np.asarray(before.log_keep))
@@ -99,7 +99,7 @@ def effect_on_rays(null: Problem, fitted: Refit) -> dict[str, Interval]:
         "drop": (lost, "share of the returns"),
     }
     of_channels = {
-        name: (values[both], unit) for name, (values, unit) in change.items() if name in fitted.effect.channels
+        name: (values[both], unit) for name, (values, unit) in change.items() if name in named.effect.channels
     }
     return {
         name: Interval(float(values.mean()), *np.quantile(values, [0.05, 0.95]).tolist(), unit=unit)

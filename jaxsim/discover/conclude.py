@@ -86,7 +86,7 @@ def verdict_of(
         find=placed.division.parts.find,
         judge=placed.division.parts.judge,
         sha256=placed.division.parts.sha256,
-        moved=nuisance_changes(null, choice, [fitted.fit.z for fitted in added.refits]),
+        moved=nuisance_changes(null, choice, [refit.fit.z for refit in added.refits]),
         ranking=ranking(choice, why_not, bar=choice.bars.effect),
         nulls=answer.nulls,
         levels=shown.levels,
@@ -126,7 +126,7 @@ def result_of(
     sensor = sensor_of(verdict, added.sensor, known).without(control.mounting.without(given))
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
     named_effects = dict(sensor.effects)
-    standing = [(fitted.effect, fitted.fit.z) for fitted in added.refits if fitted.effect.plain_name in named_effects]
+    standing = [(refit.effect, refit.fit.z) for refit in added.refits if refit.effect.plain_name in named_effects]
     null = placed.found.null.problem
     levels = missing(shown.levels, made_by(null.ev, in_place(null, standing).ev))
     return Result(

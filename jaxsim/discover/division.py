@@ -41,14 +41,6 @@ NOTHING_YET = SensorModel()
 """A sensor model without effects."""
 
 
-def seeing_hidden(chosen: Blocks, parts: Split, *, scan: Scan, measured: Measured) -> Blocks:
-    """The blocks with columns in each of which nearly all that the find scenes' frames could see is lost."""
-    frames = np.unique(chosen.frame[[name in parts.find for name in chosen.scene]])
-    hit = np.asarray(scan.hit)[frames]
-    lost = hit & ~np.asarray(measured.valid)[frames]
-    return seeing(chosen, lost.sum((0, 1)) > RULES.hidden_share * np.maximum(hit.sum((0, 1)), 1))
-
-
 @dataclass(frozen=True)
 class Division:
     """Columns of a comparison's frames in blocks, and the scenes that they are divided by."""
@@ -91,60 +83,29 @@ class Division:
         whether contrast is free, and whether surfaces that one side alone has are left out.
 
         Raises ValueError where the scenes are too few, or the sectors of few drives too narrow."""
-        parts = like.parts if like else parts
         measured = jax.tree.map(jnp.asarray, comparison.measured)
-        simulator = meant(
-            jax.tree.map(jnp.asarray, comparison.scan),
-            range_m=measured.range_m,
-            intensity=measured.intensity,
-            valid=measured.valid,
-            noises=(like.simulator.noise, like.simulator.measured_noise) if like else None,
-        )
-        if comparison.lattices is not None:
-            simulator = replace(simulator, noise=on_lattices(simulator.noise, comparison.lattices))
-        free_contrast = like.simulator.free_contrast if like else comparison.control.contrast_off
-        if free_contrast and simulator.intensities is None:
-            # Noise on intensities has left it free already.
-            simulator = replace(simulator, free_contrast=True)
-        # Not before: a ray that counts on neither side would look like one that the simulator lost.
-        both = simulator.scan, measured
-        left_out, of_classes = "", {}
-        if simulator.noise.loss > RULES.usual_random_loss:
-            # Within surfaces its losses are put back; beside them a return may be of what it lost there.
-            both = seen_by_both(*both, same=simulator.scan.hit)
-        if comparison.told is not None:
-            both = seen_by_both(*both, same=comparison.told)
-        if comparison.other_moments:
-            both = same_surfaces(*both)
-        else:
-            apart = surfaces_apart(*both)
-            # By few frames the share is not known: those before say whether such surfaces are many.
-            if bool(like.left_out) if like else apart.mean() > RULES.one_side_share:
-                left_out, of_classes = apart_in_words(apart, both[0]), shares_of_classes(apart, both[0])
-                both = seen_by_both(*both, same=~apart)
-        both_scan, measured = jax.tree.map(jnp.asarray, both)
-        simulator = replace(simulator, scan=both_scan)
+        simulator = _simulator(comparison, measured, like)
+        sides = _Sides.of(comparison, simulator, measured, like=like)
+        simulator = replace(simulator, scan=sides.scan)
         given, ranges = simulator.scan, simulator.ranges
+        parts = like.parts if like else parts
         if chosen is None:
-            chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
-            chosen = seeing_hidden(chosen, parts or split_scenes(chosen.scene), scan=given, measured=measured)
+            chosen, parts = _blocks_and_parts(comparison.scenes, parts, scan=given, measured=sides.measured)
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
-        rays = cast(scan, chosen.frame, chosen.column)
-        parts = parts or split_scenes(chosen.scene)
         return cls(
             scan,
             given,
             simulator,
-            measured,
+            sides.measured,
             chosen,
-            rays,
-            parts,
+            cast(scan, chosen.frame, chosen.column),
+            parts or split_scenes(chosen.scene),
             between_unknown=comparison.between_unknown,
             names=comparison.names,
             scenes=comparison.scenes,
             control=comparison.control,
-            left_out=left_out,
-            apart=tuple(one for one, share in of_classes.items() if share >= RULES.apart_class_share),
+            left_out=sides.left_out,
+            apart=sides.apart,
         )
 
     def looking_at(self, chosen: Blocks) -> Division:
@@ -153,9 +114,7 @@ class Division:
 
     def divided_by(self, scenes: Sequence[str]) -> Division:
         """The same frames, divided by other `scenes` of them. Raises ValueError where these are too few."""
-        chosen = blocks(scenes, *self.scan.range_m.shape[1:])
-        parts = split_scenes(chosen.scene)
-        chosen = seeing_hidden(chosen, parts, scan=self.given, measured=self.measured)
+        chosen, parts = _blocks_and_parts(scenes, None, scan=self.given, measured=self.measured)
         return replace(self.looking_at(chosen), parts=parts)
 
     def with_free_contrast(self) -> Division:
@@ -191,6 +150,71 @@ class Division:
             if model.effects or model.learned:
                 ev = replace(ev, rays=model.apply(ev.rays, self.scan))
         return ev, scene
+
+
+def _simulator(comparison: Comparison, measured: Measured, like: Division | None) -> Meant:
+    """What the simulator means; its noise and whether contrast is free as in the division that it is `like`."""
+    simulator = meant(
+        jax.tree.map(jnp.asarray, comparison.scan),
+        range_m=measured.range_m,
+        intensity=measured.intensity,
+        valid=measured.valid,
+        noises=(like.simulator.noise, like.simulator.measured_noise) if like else None,
+    )
+    if comparison.lattices is not None:
+        simulator = replace(simulator, noise=on_lattices(simulator.noise, comparison.lattices))
+    free_contrast = like.simulator.free_contrast if like else comparison.control.contrast_off
+    # Noise on intensities has left it free already.
+    return replace(simulator, free_contrast=True) if free_contrast and simulator.intensities is None else simulator
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Both sides without the rays that met what one of them alone has."""
+
+    scan: Scan
+    measured: Measured
+    left_out: str = ""
+    """As in `Division`; so is `apart`."""
+    apart: tuple[int, ...] = ()
+
+    @classmethod
+    def of(
+        cls, comparison: Comparison, simulator: Meant, measured: Measured, *, like: Division | None = None
+    ) -> _Sides:
+        # After `_simulator`: a ray that counts on neither side would look like one that the simulator lost.
+        both = simulator.scan, measured
+        if simulator.noise.loss > RULES.usual_random_loss:
+            # Within surfaces its losses are put back; beside them a return may be of what it lost there.
+            both = seen_by_both(*both, same=simulator.scan.hit)
+        if comparison.told is not None:
+            both = seen_by_both(*both, same=comparison.told)
+        if comparison.other_moments:
+            return cls(*jax.tree.map(jnp.asarray, same_surfaces(*both)))
+        apart = surfaces_apart(*both)
+        # By few frames the share is not known: those before say whether such surfaces are many.
+        many = bool(like.left_out) if like else apart.mean() > RULES.one_side_share
+        if not many:
+            return cls(*jax.tree.map(jnp.asarray, both))
+        shares = shares_of_classes(apart, both[0])
+        return cls(
+            *jax.tree.map(jnp.asarray, seen_by_both(*both, same=~apart)),
+            left_out=apart_in_words(apart, both[0]),
+            apart=tuple(one for one, share in shares.items() if share >= RULES.apart_class_share),
+        )
+
+
+def _blocks_and_parts(
+    scenes: Sequence[str], parts: Split | None, *, scan: Scan, measured: Measured
+) -> tuple[Blocks, Split]:
+    """Columns spread over all frames, and the parts that divide their `scenes`, where these are not known. A column in
+    which nearly all that the find scenes' frames could see is lost is among those of each block."""
+    chosen = blocks(scenes, *scan.range_m.shape[1:])
+    parts = parts or split_scenes(chosen.scene)
+    frames = np.unique(chosen.frame[[name in parts.find for name in chosen.scene]])
+    hit = np.asarray(scan.hit)[frames]
+    lost = hit & ~np.asarray(measured.valid)[frames]
+    return seeing(chosen, lost.sum((0, 1)) > RULES.hidden_share * np.maximum(hit.sum((0, 1)), 1)), parts
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -56,8 +56,8 @@ def named(
 def all_named(null: Problem, steps: Sequence[Step[Any]], added: Added) -> tuple[Named, ...]:
     """The effects that were named on top of a null, as they were fitted together."""
     return tuple(
-        named(step, values, does=effect_on_rays(null, fitted))
-        for step, values, fitted in zip(steps, added.parameters, added.refits, strict=True)
+        named(step, values, does=effect_on_rays(null, refit))
+        for step, values, refit in zip(steps, added.parameters, added.refits, strict=True)
     )
 
 
@@ -140,89 +140,118 @@ def nuisance_changes(null: Problem, choice: Choice, z: Sequence[dict[str, Any]])
 
 def notes(comparison: Comparison, division: Division, answer: Answer, *, held: Sequence[str] = ()) -> tuple[str, ...]:
     """What a reader must know; `held` are the effects that the sensor model already had."""
-    lines = list(comparison.notes)
+    return (
+        *comparison.notes,
+        *_of_the_scenes(comparison, division, answer, held=held),
+        *_of_the_simulator(comparison, division),
+        *_not_said(answer),
+        *_of_places(comparison, answer),
+        *(
+            f"not confirmed on unseen scenes: {curve} explained the scenes that the search saw, but the judge scenes "
+            "do not gain in the mean; it is not added"
+            for curve in answer.unconfirmed
+        ),
+    )
+
+
+def _of_the_scenes(comparison: Comparison, division: Division, answer: Answer, *, held: Sequence[str]) -> Iterator[str]:
+    """What scenes cannot tell: those that were judged before, those of few drives, and few of them."""
     if held:
-        lines.append(
+        yield (
             f"beside what the sensor model already had: {', '.join(held)}, held as given; the judge scenes are "
             "those of any other run on these frames: after several rounds, what they show is no longer new"
         )
     if division.blocks.sectors > 1:
-        lines.append(
+        yield (
             f"{counted(len(set(comparison.scenes)), 'drive')} alone: each frame is cut into {division.blocks.sectors} "
             "sectors with gaps between them; sectors of a drive are less independent than drives, and whether an "
             f"effect is in some drives only is not asked. {RULES.fewest_scenes} drives or more tell that"
         )
-    named_effects = [step.chosen.effect for step in answer.choice.steps]
-    lines += [
-        f"{step.chosen.effect.plain_name}: a rare event; few scenes show it, without the test over scenes"
-        for step in answer.choice.steps
-        if step.chosen.chance > RULES.agreement_level
-    ]
+    for step in answer.choice.steps:
+        if step.chosen.chance > RULES.agreement_level:
+            yield f"{step.chosen.effect.plain_name}: a rare event; few scenes show it, without the test over scenes"
     if len(division.parts.judge) < RULES.few_judge_scenes:
-        lines.append(f"{len(division.parts.judge)} judge scenes: intervals of the gap are wide")
+        yield f"{len(division.parts.judge)} judge scenes: intervals of the gap are wide"
+
+
+def _of_the_simulator(comparison: Comparison, division: Division) -> Iterator[str]:
+    """What of the simulated frames is not the sensor's to explain."""
     if noises := ", ".join(_noises(division.simulator.noise)):
-        lines.append(
+        yield (
             f"the simulated frames have noise of their own ({noises}; read off neighbouring rays, so texture as "
             "fine as these is part of it): surfaces were made smooth, and compared is what the simulator means; "
             "effects count by what they explain between surfaces, ranges and angles. Frames without noise tell more"
         )
     if division.left_out:
-        lines.append(
+        yield (
             f"{division.left_out} met a surface that one side alone has: neighbouring rays read nearly the same, and "
             "not what is simulated there. Kerbs, vehicles or plants that the other side lacks, or has elsewhere, do "
             "that; such rays are left out, for no effect of a sensor explains them"
         )
     if comparison.control is not NO_CONTROL:
         lacks = ", ".join(comparison.control.model.names) or "nothing"
-        lines.append(
+        yield (
             f"in place from the start is what the control says that the simulator lacks by itself ({lacks}): what is "
             "named comes on top of it, and so do the gap and sensor.json"
         )
         if comparison.control.folders is None:
-            lines.append(
+            yield (
                 "the control's frames are not where its answer found them: what the simulator lacks by itself too "
                 "weakly to be named there could not be told from what is new"
             )
     if division.simulator.free_contrast:
-        lines.append(
+        yield (
             "the sensor does not follow the simulator's contrast: slopes differ between cells, patches and surfaces, "
             "which no law of the sensor explains (`contrast`); they are left free, and effects on intensities count by "
             "what they explain along ranges, angles and rows and between classes"
         )
+
+
+def _not_said(answer: Answer) -> Iterator[str]:
+    """What was found and yet is no part of the answer, each with why."""
     for why, meaning in SHOWN_ELSEWHERE.items():
-        if found := [name for name, of in answer.elsewhere if of == why]:
-            lines.append(f"found, and not said: {', '.join(found)}. {why[0].upper()}{why[1:]}: so it is {meaning}")
+        if names := [name for name, reason in answer.elsewhere if reason == why]:
+            yield _found(names, f"{_capital(why)}: so it is {meaning}")
     if answer.negligible:
-        lines.append(
-            f"found, and not said: {', '.join(answer.negligible)}. Each is less than {RULES.negligible:.0%} of what is "
-            "clearly visible of it: so many rays show what is too small to matter, and as much comes of rounding, "
-            "smoothing or a surface's model"
+        yield _found(
+            answer.negligible,
+            f"Each is less than {RULES.negligible:.0%} of what is clearly visible of it: so many rays show what is too "
+            "small to matter, and as much comes of rounding, smoothing or a surface's model",
         )
     if answer.unfounded:
-        lines.append(
-            f"found, and not said: {', '.join(answer.unfounded)}. Weak echoes lie farther from the prediction, but the "
-            "noise of neighbouring readings does not grow as echoes weaken: what grows is what the simulator does not "
-            "know of grazing surfaces and of the sensor's pose"
+        yield _found(
+            answer.unfounded,
+            "Weak echoes lie farther from the prediction, but the noise of neighbouring readings does not grow as "
+            "echoes weaken: what grows is what the simulator does not know of grazing surfaces and of the "
+            "sensor's pose",
         )
-    lines += [
-        f"found, and not said: {name}. {why[0].upper()}{why[1:]}. It is taken for something of these surfaces that the "
-        "simulator does not know, as soil that undulates or crowns that let rays through, and not for the sensor's"
-        for name, why in answer.denied
-    ]
-    of_intensity = [effect for effect in named_effects if effect.channels == ("intensity",)]
-    by_place = [effect for effect in of_intensity if effect.covariates and {*effect.covariates} <= {"range", "row"}]
+    for name, why in answer.denied:
+        yield _found(
+            [name],
+            f"{_capital(why)}. It is taken for something of these surfaces that the simulator does not know, as soil "
+            "that undulates or crowns that let rays through, and not for the sensor's",
+        )
+
+
+def _found(names: Sequence[str], why_not: str) -> str:
+    return f"found, and not said: {', '.join(names)}. {why_not}"
+
+
+def _capital(sentence: str) -> str:
+    # Not str.capitalize, which would make names of effects and classes small.
+    return f"{sentence[0].upper()}{sentence[1:]}"
+
+
+def _of_places(comparison: Comparison, answer: Answer) -> Iterator[str]:
+    """Effects that materials look like, where the simulator tells no classes."""
+    effects = [step.chosen.effect for step in answer.choice.steps if step.chosen.effect.channels == ("intensity",)]
+    by_place = [effect for effect in effects if effect.covariates and {*effect.covariates} <= {"range", "row"}]
     if by_place and len(np.unique(np.asarray(comparison.scan.semantic))) == 1:
-        lines.append(
+        yield (
             f"{', '.join(effect.plain_name for effect in by_place)}: the simulated frames tell no classes. Where one "
             "material stands near by and another far off, or in the rows of some beams, in every scene, and the "
             "simulator has one of them too bright, that looks the same; frames with `semantic` tell the two apart"
         )
-    lines += [
-        f"not confirmed on unseen scenes: {curve} explained the scenes that the search saw, but the judge scenes do "
-        "not gain in the mean; it is not added"
-        for curve in answer.unconfirmed
-    ]
-    return tuple(lines)
 
 
 def _noises(noise: Levels) -> list[str]:

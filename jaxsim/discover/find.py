@@ -79,8 +79,8 @@ class Additive:
         for part, x, square, product in zip(self.parts, self.held_out, self.squares, self.products, strict=True):
             # Sums over all folds less this one's: no curve is fitted again from its rays.
             gram = (sum(self.squares) - square)[np.ix_(used, used)] + RULES.ridge * np.eye(len(used))
-            fitted = np.linalg.solve(gram, (sum(self.products) - product)[used])
-            for block, values in zip(blocks, np.split(fitted, ends[:-1]), strict=True):
+            coefficients = np.linalg.solve(gram, (sum(self.products) - product)[used])
+            for block, values in zip(blocks, np.split(coefficients, ends[:-1]), strict=True):
                 prediction[part] += x[:, block] @ values
         return prediction
 

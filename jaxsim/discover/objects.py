@@ -16,9 +16,6 @@ from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Fidelity, Interval
 
-TILE = (8, 32)
-"""Rows and columns of a tile of the raster."""
-
 
 def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
     """Errors of points and of mean intensity a target, by kind of target, those with most targets first; empty where
@@ -54,7 +51,8 @@ def targets(comparison: Comparison, frame: int) -> Iterator[tuple[str, tuple[flo
     sensed_m, sensed = np.asarray(measured.range_m[frame]), np.asarray(measured.intensity[frame])
     rows, columns = hit.shape
     # Tiles are numbered row by row; the + 1 is for one that the border cuts.
-    tile = np.arange(rows)[:, None] // TILE[0] * (columns // TILE[1] + 1) + np.arange(columns)[None, :] // TILE[1]
+    high, wide = RULES.target_tile
+    tile = np.arange(rows)[:, None] // high * (columns // wide + 1) + np.arange(columns)[None, :] // wide
     for kind in np.unique(semantic[hit & (semantic > 0)]).tolist():
         of_kind = semantic == kind
         numbered = of_kind & (instance > 0)

@@ -21,9 +21,6 @@ from jaxsim.discover.scenes import difference_interval, scene_means
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import grid_difference
 
-PARTS_OF_TURN = 12
-"""Parts of the columns: 30 degrees each of a whole turn."""
-
 
 @dataclass(frozen=True)
 class Change:
@@ -84,8 +81,8 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
     valid = np.asarray(image.valid)
     log_intensity = np.log(np.maximum(np.asarray(image.intensity), RULES.watch_least))
     # The whole frame, then its rows, then its sectors: the order of `measure_names`.
-    parts = [valid, *valid, *np.array_split(valid, PARTS_OF_TURN, axis=1)]
-    values = [log_intensity, *log_intensity, *np.array_split(log_intensity, PARTS_OF_TURN, axis=1)]
+    parts = [valid, *valid, *np.array_split(valid, RULES.watch_sectors, axis=1)]
+    values = [log_intensity, *log_intensity, *np.array_split(log_intensity, RULES.watch_sectors, axis=1)]
     share = np.array([part.mean() for part in parts])
     level = np.array([v[part].mean() if part.any() else np.nan for v, part in zip(values, parts, strict=True)])
     for line in (share, level):
@@ -98,7 +95,7 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
 def measure_names(grid: PolarGrid) -> list[tuple[str, str]]:
     """Name and channel of each number of `measures`."""
     degrees = np.rad2deg(np.asarray(grid.azimuth_rad))
-    edges = [(part[0], part[-1]) for part in np.array_split(degrees, PARTS_OF_TURN)]
+    edges = [(part[0], part[-1]) for part in np.array_split(degrees, RULES.watch_sectors)]
     sectors = [f"sector {k} (from {left:.0f} to {right:.0f} degrees)" for k, (left, right) in enumerate(edges)]
     names = ["all", *(f"row {k}" for k in range(len(grid.elevation_rad))), *sectors]
     return [(name, channel) for channel in ("intensity", "returns") for name in names]

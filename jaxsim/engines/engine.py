@@ -143,7 +143,7 @@ def read_answer(path: Path) -> Estimates:
     missing = {one["name"]: one["missing"] for one in told.get("levels", []) if isinstance(one, dict)}
     apart: list[str] = []
 
-    def fitted(value: Any, interval: Any, what: str) -> tuple[Estimate, ...]:
+    def estimates(value: Any, interval: Any, what: str) -> tuple[Estimate, ...]:
         values = value if isinstance(value, tuple | list) else (value,)
         if not _agree(values, interval, where=f"engines: {path}: {what}", other=verdict):
             apart.append(what)
@@ -153,12 +153,13 @@ def read_answer(path: Path) -> Estimates:
 
     effects = {
         name: {
-            key: fitted(value, intervals.get(name, {}).get(key), f"{name}.{key}") for key, value in parameters.items()
+            key: estimates(value, intervals.get(name, {}).get(key), f"{name}.{key}")
+            for key, value in parameters.items()
         }
         for name, parameters in model.effects
         if name not in model.regions
     }
-    levels = {name: fitted(float(value), missing.get(name), name)[0] for name, value in model.levels.items()}
+    levels = {name: estimates(float(value), missing.get(name), name)[0] for name, value in model.levels.items()}
     return Estimates(effects, levels, len(model.learned), tuple(model.regions), tuple(apart))
 
 

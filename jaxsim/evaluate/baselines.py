@@ -113,16 +113,16 @@ def fit_baselines(train: Iterable[Pair]) -> dict[str, Baseline]:
     every = levels(np.zeros(len(cells.share), int), 1)
     line = levels(line_of(cells.share), len(shares) + 1)
     of_line = lambda pair: line_of(np.asarray(pair.row_share))  # noqa: E731
-    fitted = {"global mean": _of_groups(one_group, every.mean, every.drops)}
+    baselines = {"global mean": _of_groups(one_group, every.mean, every.drops)}
     # A source without labels paints 0 everywhere: one class, which is the global mean again.
     if cells.kind.any():
         kind = levels(cells.kind, CLASSES)
-        fitted["per-class mean"] = _of_groups(class_of, kind.mean, kind.drops)
-    fitted["per-row mean"] = _of_groups(of_line, line.mean, line.drops)
-    fitted["global median"] = _of_groups(one_group, every.median, every.drops)
-    fitted["per-row median"] = _of_groups(of_line, line.median, line.drops)
-    fitted["range, incidence, row"] = _of_table(levels(cells.place, TABLE), fitted["per-row median"])
-    return fitted
+        baselines["per-class mean"] = _of_groups(class_of, kind.mean, kind.drops)
+    baselines["per-row mean"] = _of_groups(of_line, line.mean, line.drops)
+    baselines["global median"] = _of_groups(one_group, every.median, every.drops)
+    baselines["per-row median"] = _of_groups(of_line, line.median, line.drops)
+    baselines["range, incidence, row"] = _of_table(levels(cells.place, TABLE), baselines["per-row median"])
+    return baselines
 
 
 def _of_groups(group: Group, intensity: Float[np.ndarray, " n"], drops: Bool[np.ndarray, " n"]) -> Baseline:

@@ -106,7 +106,7 @@ def find_all(
         )
 
 
-def counted(scene: Scene, experiment: DetectorExperiment) -> Boxes:
+def scored_labels(scene: Scene, experiment: DetectorExperiment) -> Boxes:
     """The labels that a scene is scored by: where `scored` is `inside`, those outside the range are DontCare.
 
     Hidden shares (fractions in `occluded`) become the levels of the same difficulty, 0 or 1: the official evaluation
@@ -135,7 +135,7 @@ def kitti_curves(scenes: Sequence[Scene], detected: Sequence[Detected], experime
         labels, results = Path(folder) / "label_2", Path(folder) / "results"
         names = [f"{k:06d}" for k in range(len(scenes))]
         for name, scene, detections in zip(names, scenes, detected, strict=True):
-            truth = counted(scene, experiment)
+            truth = scored_labels(scene, experiment)
             # An error of these files would name one that nobody has.
             with placed(f"detect: {scene.name}"):
                 lines = label_lines(truth)

@@ -99,11 +99,11 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
     return covered | {"drop_brier": Score(square / seen, "1", seen)}
 
 
-def baseline_frames(fitted: Mapping[str, Baseline], pairs: Iterable[Pair]) -> dict[str, PairedSums]:
+def baseline_frames(baselines: Mapping[str, Baseline], pairs: Iterable[Pair]) -> dict[str, PairedSums]:
     """What each fitted baseline makes of each pair, which is read once."""
-    sums: dict[str, PairedSums] = {name: [] for name in fitted}
+    sums: dict[str, PairedSums] = {name: [] for name in baselines}
     for pair in pairs:
-        for name, guess in fitted.items():
+        for name, guess in baselines.items():
             sums[name].append(_sums(*guess(pair), pair))
     return sums
 
@@ -115,14 +115,14 @@ def baseline_sums(
 
     `previous` holds the frame before each, None where there is none: the previous frame's are of those that have one.
     """
-    fitted = fit_baselines(train)
+    baselines = fit_baselines(train)
     if trees:
-        fitted |= {name: fit_trees(train, context=context) for name, context in TREES.items()}
-    sums = baseline_frames(fitted, judged)
+        baselines |= {name: fit_trees(train, context=context) for name, context in TREES.items()}
+    sums = baseline_frames(baselines, judged)
     copied = [(pair, before) for pair, before in zip(judged, previous, strict=True) if before]
     if copied:
         # The one number of the global mean, wherever it is read.
-        filling = float(fitted["global mean"](copied[0][0]).intensity[0, 0])
+        filling = float(baselines["global mean"](copied[0][0]).intensity[0, 0])
         sums["previous frame"] = [_sums(*previous_frame(before, filling), pair) for pair, before in copied]
     return sums
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from jaxsim.config import DataConfig, RunConfig
 from jaxsim.data import open_dataset
 from jaxsim.data.records import PreparedPairs
-from jaxsim.data.seen import Side, warn_of_seen, warn_of_seen_pairs
+from jaxsim.data.seen import SplitSide, warn_of_seen, warn_of_seen_pairs
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
@@ -25,8 +25,8 @@ from jaxsim.progress import Progress
 from jaxsim.runs.frames import RunFrames, judges_of, positions_of, read_frames
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, load_run
+from jaxsim.simulate.learned_sensor import LearnedSensor
 from jaxsim.simulate.predict import make_predict
-from jaxsim.simulate.sensor import LearnedSensor
 
 MEAN_OF = 5
 """Checkpoints that a run's mean is over. The paper averages five epochs; a checkpoint is an epoch where the run saved
@@ -34,7 +34,7 @@ with `save_every` 0."""
 
 
 @dataclass(frozen=True)
-class SensorScores:
+class LearnedSensorScores:
     """What a learned sensor scores on frames, and what pictures of it need."""
 
     pairs: PreparedPairs
@@ -54,7 +54,7 @@ class SensorScores:
     """Between predicted and measured intensity images; None where no extractor was given."""
 
 
-def score_sensor(
+def score_learned_sensor(
     learned: LearnedSensor,
     data: DataConfig,
     *,
@@ -63,7 +63,7 @@ def score_sensor(
     recorded: RunFrames | None = None,
     trees: bool = False,
     extractor: Extractor | None = None,
-) -> SensorScores:
+) -> LearnedSensorScores:
     """Scores a learned sensor on frames of a data set, chosen by `judges_of`.
 
     The baselines are fitted to the training frames of the run's own data set, with `trees` boosted trees too. The
@@ -101,7 +101,7 @@ def score_sensor(
     if extractor:
         settings = {"extractor": extractor, "prepare": prepare, "cache": of_run.cache / "statistics"}
         frechet = frechet_of_run(learned.generate, learned.params, judged, **settings)
-    return SensorScores(
+    return LearnedSensorScores(
         judged,
         predict,
         scores={name: total_scores(frames) for name, frames in sums.items()},
@@ -163,7 +163,7 @@ def score_checkpoints(run: Path, data: DataConfig, *, frames: str = "", validati
         with suppress(ValueError):
             learned = positions_of(recorded and recorded.train, dataset, text=trained.data.train, part="training")
         names = [dataset.name_of(i) for i in positions]
-        warn_of_seen(Side(learned), Side(positions), names=names)
+        warn_of_seen(SplitSide(learned), SplitSide(positions), names=names)
     scenes = experiment_scenes(dataset, positions, experiment)
     find = make_find(experiment)
     per_step: list[list[Curve]] = []

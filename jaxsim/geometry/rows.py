@@ -206,13 +206,13 @@ def rows_by_elevation(xyz: Float[np.ndarray, "n 3"], spec: LidarSpec) -> Int[np.
 
 
 def nearest_beams(
-    xyz: Float[np.ndarray, "n 3"], sensor: LidarSpec | PolarGrid
+    xyz: Float[np.ndarray, "n 3"], beams: LidarSpec | PolarGrid
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """The beam that passes nearest in angle, each seen from its own origin, and by how many degrees it misses."""
     rho = np.hypot(xyz[:, 0], xyz[:, 1]).astype(np.float64)
     z = xyz[:, 2].astype(np.float64)
     row, best = np.zeros(len(xyz), np.int32), np.full(len(xyz), np.inf)
-    elevations, origins = np.asarray(sensor.elevation_rad), np.asarray(sensor.origin_m)
+    elevations, origins = np.asarray(beams.elevation_rad), np.asarray(beams.origin_m)
     for i, (elevation, origin) in enumerate(zip(elevations, origins, strict=True)):
         angle = np.abs(np.arctan2(z - origin, rho) - elevation)
         nearer = angle < best

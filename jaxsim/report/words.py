@@ -125,7 +125,7 @@ def verdict_sentence(verdict: Verdict) -> str:
     """The answer in one plain sentence, or two where the data leave a choice."""
     named = [f"{e.name} ({title})" if (title := title_of(e.name)) else e.name for e in verdict.effects]
     lacks = f"The simulation lacks {listed(named)}" if named else ""
-    besides = f" Besides, {repeated(verdict.repeats[0])}." if verdict.repeats else ""
+    besides = f" Besides, {repeat_in_words(verdict.repeats[0])}." if verdict.repeats else ""
     besides += _together(verdict)
     besides = "".join(_acts(one) for one in verdict.regimes) + besides
     if verdict.verdict == "named":
@@ -134,7 +134,7 @@ def verdict_sentence(verdict: Verdict) -> str:
         rest = f": a {dependence(verdict.unexplained)}" if verdict.unexplained else ""
         if verdict.repeats and verdict.unexplained and verdict.unexplained.formula == verdict.repeats[0].formula:
             # What repeats is all that there is.
-            rest, besides = f": {repeated(verdict.repeats[0])}", ""
+            rest, besides = f": {repeat_in_words(verdict.repeats[0])}", ""
         head = f"{lacks}, and something else" if lacks else "The simulation lacks something"
         return f"{head} that is not in the catalogue{rest}." + _choice(verdict) + besides
     return (
@@ -216,7 +216,7 @@ def _choice(verdict: Verdict) -> str:
     return f" These data cannot tell {listed(parts, 'nor')}." if parts else ""
 
 
-def repeated(one: Repeat) -> str:
+def repeat_in_words(one: Repeat) -> str:
     """What comes back in every scene, where, and how large."""
     size = f"{number(one.size.value)} {one.size.unit}"
     period = "" if one.period is None else f", period {number(one.period)} {_counted(one.along)}"

@@ -5,7 +5,7 @@ predict        the paper's steps in one function: `simulate_frame`; the same whe
 grain          how the cells of a draw scatter together: `Grain`, fields that go on along a surface and break at edges
 grain_fit      learning it from measured frames: `learn_grain` (`jaxsim grain`)
 live           in a simulator's loop: each tick's view, or what a ray caster's rays meet, to a cloud
-sensor         `LearnedSensor`: a trained run
+learned_sensor `LearnedSensor`: a trained run
 frames         simulated frames on the host, and effects on them
 sides          what `discover` compares: simulated frames beside measured ones of one drive, or, until there is a
                simulator, Lambert's law beside what was measured
@@ -14,7 +14,7 @@ clouds, trees  the clouds that detectors learn from, and KITTI trees of them: `e
 embedded       the sensor that travels with the package
 """
 
+from jaxsim.simulate.learned_sensor import LearnedSensor, load
 from jaxsim.simulate.predict import simulate_frame
-from jaxsim.simulate.sensor import LearnedSensor, load
 
 __all__ = ["LearnedSensor", "load", "simulate_frame"]

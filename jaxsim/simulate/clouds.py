@@ -24,7 +24,7 @@ from jaxsim.geometry import PRESETS, full_grid, polar_to_points
 from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.frames import motion_of, take, with_effects
-from jaxsim.simulate.sensor import LearnedSensor
+from jaxsim.simulate.learned_sensor import LearnedSensor
 
 NO_LINES = "none"
 _KNOWN = {*PATTERNS, *PRESETS, NO_LINES}

@@ -32,7 +32,7 @@ from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress, counted
 from jaxsim.simulate.frames import begin_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.grain import Grain
-from jaxsim.simulate.sensor import LearnedSensor, Projection
+from jaxsim.simulate.learned_sensor import LearnedSensor, Projection
 
 
 @runtime_checkable

@@ -21,8 +21,8 @@ from jaxsim.geometry import incidence
 from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.grain import Grain
+from jaxsim.simulate.learned_sensor import LearnedSensor, Projection
 from jaxsim.simulate.predict import check_image
-from jaxsim.simulate.sensor import LearnedSensor, Projection
 
 
 def take(tree: Any, k: int) -> Any:

@@ -17,8 +17,8 @@ from jaxsim.frame import Array, Frame, PolarImage
 from jaxsim.geometry import incidence, scan_on_window
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.simulate.frames import motion_of, rasters, simulate_batch, take
+from jaxsim.simulate.learned_sensor import LearnedSensor
 from jaxsim.simulate.predict import NetworkWindow
-from jaxsim.simulate.sensor import LearnedSensor
 
 BATCH = 8
 """Frames that a comparison simulates together."""

@@ -23,7 +23,7 @@ from jaxsim.cloud.kitti_tree import (
     REACH_M,
     TreeRecord,
     choose_boxes,
-    files_of,
+    tree_files,
     within_reach,
     write_image_sets,
     write_kitti_frame,
@@ -40,7 +40,7 @@ from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress, counted
 from jaxsim.simulate.clouds import check_recipe, grid_file, make_cloud
 from jaxsim.simulate.frames import begin_of
-from jaxsim.simulate.sensor import LearnedSensor
+from jaxsim.simulate.learned_sensor import LearnedSensor
 
 _log = logging.getLogger(__name__)
 
@@ -208,7 +208,7 @@ def _missing(plan: TreePlan, record: TreeRecord, sources: Mapping[int, str]) -> 
     anew = {number: why for number, why in sorted(reasons.items()) if why}
     tell_anew(anew, by="export")
     for number in anew:
-        for path in files_of(plan.out, number):
+        for path in tree_files(plan.out, number):
             path.unlink(missing_ok=True)
     return [position for position in plan.positions if position not in there or _number(position) in anew]
 

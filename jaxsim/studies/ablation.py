@@ -30,8 +30,8 @@ from jaxsim.report.pictures import NO_RETURN, Raster, Rgb, beside, input_panels,
 from jaxsim.report.results import Scores, list_facts, markdown_table, score_heads, score_text, write_results
 from jaxsim.runs.frames import judges_of, positions_of, shared_frames
 from jaxsim.simulate.frames import simulate_batch, take
+from jaxsim.simulate.learned_sensor import LearnedSensor, load
 from jaxsim.simulate.predict import make_predict
-from jaxsim.simulate.sensor import LearnedSensor, load
 from jaxsim.train.loop import TRAINER, train_apart
 
 _log = logging.getLogger(__name__)
@@ -63,24 +63,24 @@ def modality(inputs: Sequence[InputName]) -> str:
     )
 
 
-def named_sensors(sensors: Mapping[str, LearnedSensor]) -> dict[str, LearnedSensor]:
-    """Sensors by the name of their inputs, those of the paper in its order, then others as they were given.
+def named_networks(networks: Mapping[str, LearnedSensor]) -> dict[str, LearnedSensor]:
+    """Networks by the name of their inputs, those of the paper in its order, then others as they were given.
 
-    `sensors` are by the name of their run. Raises ValueError for two networks of the same inputs, and for runs that
+    `networks` are by the name of their run. Raises ValueError for two networks of the same inputs, and for runs that
     learned from other frames, targets or windows, naming the settings that differ.
     """
-    first = next(iter(sensors))
-    reference = _compared(sensors[first].run.experiment)
+    first = next(iter(networks))
+    reference = _compared(networks[first].run.experiment)
     named: dict[str, LearnedSensor] = {}
-    for run, sensor in sensors.items():
-        settings = _compared(sensor.run.experiment)
+    for run, network in networks.items():
+        settings = _compared(network.run.experiment)
         if other := [key for key in settings if settings[key] != reference[key]]:
             told = ", ".join(f"{key} is {settings[key]!r} and {reference[key]!r}" for key in other)
             raise ValueError(f"ablation: {run} and {first} differ in more than their inputs: {told}; train them alike")
-        name = modality(sensor.run.experiment.prepare.inputs)
+        name = modality(network.run.experiment.prepare.inputs)
         if name in named:
             raise ValueError(f"ablation: two runs have the inputs {name}, one of them is {run}; leave one out")
-        named[name] = sensor
+        named[name] = network
     order = [*MODALITIES, *named]
     return dict(sorted(named.items(), key=lambda item: order.index(item[0])))
 
@@ -130,14 +130,14 @@ def compare_networks(
     frames to draw as well. Raises ValueError for runs that cannot be compared, and for too few frames.
     """
     # Runs: the same frames, targets and settings, other inputs.
-    sensors = named_sensors({str(folder): load(folder) for folder in folders})
-    experiment = next(iter(sensors.values())).run.experiment
+    networks = named_networks({str(folder): load(folder) for folder in folders})
+    experiment = next(iter(networks.values())).run.experiment
     # Judged frames have labels where any of the networks sees them.
-    settings = [sensor.run.experiment.prepare for sensor in sensors.values()]
+    settings = [network.run.experiment.prepare for network in networks.values()]
     prepare = next((s for s in settings if {"semantic", "edges"} & {*s.inputs}), settings[0])
     data = experiment.data
     recorded = shared_frames(folders, by="ablation")
-    predicts = {name: make_predict(s.generate, s.run.experiment.prepare) for name, s in sensors.items()}
+    predicts = {name: make_predict(s.generate, s.run.experiment.prepare) for name, s in networks.items()}
 
     # Frames: one set for all.
     dataset = open_dataset(data)
@@ -152,12 +152,12 @@ def compare_networks(
 
     # Scores.
     rows = []
-    for name, sensor in sensors.items():
-        scores = score_pairs(predicts[name], sensor.params, judged)
-        seen, frechet = sensor.run.experiment.prepare, None
+    for name, network in networks.items():
+        scores = score_pairs(predicts[name], network.params, judged)
+        seen, frechet = network.run.experiment.prepare, None
         if extractor:
             how = {"extractor": extractor, "prepare": seen, "cache": data.cache / "statistics"}
-            frechet = frechet_of_run(sensor.generate, sensor.params, judged, **how)
+            frechet = frechet_of_run(network.generate, network.params, judged, **how)
         rows.append(AblationRow(name, tuple(seen.inputs), scores, frechet))
         _log.info(f"ablation: {name}: mae {scores['mae'].value:.4f}")
 
@@ -165,10 +165,12 @@ def compare_networks(
     drawn = {}
     for k in np.unique(np.linspace(0, len(judged) - 1, min(pictures, len(judged))).round().astype(int)).tolist():
         pair = judged[k]
-        outputs = {name: np.asarray(predicts[name](sensor.params, pair).reported) for name, sensor in sensors.items()}
+        outputs = {
+            name: np.asarray(predicts[name](network.params, pair).reported) for name, network in networks.items()
+        }
         drawn[judged.names[k]] = ablation_picture(pair.painted, outputs, pair.measured)
     if unmeasured:
-        drawn |= draw_unmeasured(sensors, *unmeasured)
+        drawn |= draw_unmeasured(networks, *unmeasured)
     save_pictures(out / "pictures", [(name.replace("/", "_"), one) for name, one in drawn.items()], by="ablation")
 
     about = {"data": data.kind, "training frames": data.train, "judged frames": str(len(judged))}
@@ -179,7 +181,7 @@ def compare_networks(
     _log.info(f"\n{ablation_table(rows, baselines)}\n\ntable, page and pictures: {page}")
 
 
-def draw_unmeasured(sensors: Mapping[str, LearnedSensor], source: DataConfig, frames: str) -> dict[str, Rgb]:
+def draw_unmeasured(networks: Mapping[str, LearnedSensor], source: DataConfig, frames: str) -> dict[str, Rgb]:
     """Pictures of a renderer's frames, which have no measured intensity."""
     dataset = open_dataset(source)
     pictures = {}
@@ -187,8 +189,8 @@ def draw_unmeasured(sensors: Mapping[str, LearnedSensor], source: DataConfig, fr
         frame = dataset[position]
         outputs = {}
         painted = None
-        for name, sensor in sensors.items():
-            images, painted, _ = simulate_batch(sensor, [frame], 1)
+        for name, network in networks.items():
+            images, painted, _ = simulate_batch(network, [frame], 1)
             image = take(images, 0)
             outputs[name] = image.intensity * image.valid
         pictures[f"{source.kind}: {frame.name}"] = ablation_picture(take(painted, 0), outputs, None)

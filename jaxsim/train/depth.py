@@ -19,7 +19,7 @@ from jaxsim import devices
 from jaxsim.config import DepthExperiment
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
-from jaxsim.data.seen import Side, warn_of_seen
+from jaxsim.data.seen import SplitSide, warn_of_seen
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
 from jaxsim.prepare.depth.penet import NEAREST_M, save_penet
@@ -91,7 +91,7 @@ def frames_of(experiment: DepthExperiment) -> tuple[KittiDepth | Rendered, Kitti
         )
     dataset = open_dataset(data)
     learned, judging = select(data.train, dataset), select(data.validation, dataset)
-    warn_of_seen(Side(learned), Side(judging), names=[dataset.name_of(i) for i in judging])
+    warn_of_seen(SplitSide(learned), SplitSide(judging), names=[dataset.name_of(i) for i in judging])
     return Rendered(dataset, learned, crop=crop), Rendered(dataset, judging, crop=crop)
 
 

@@ -9,7 +9,7 @@ from jaxtyping import PyTree, UInt8
 from jaxsim import detect, devices
 from jaxsim.config import DetectorExperiment
 from jaxsim.data import open_dataset, select
-from jaxsim.data.seen import Side, warn_of_seen
+from jaxsim.data.seen import SplitSide, warn_of_seen
 from jaxsim.detect.scenes import Scenes
 from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
 from jaxsim.report.clouds import detection_picture
@@ -82,6 +82,6 @@ def detector_training(experiment: DetectorExperiment) -> Training:
     )
 
 
-def _side(scenes: Scenes) -> Side:
+def _side(scenes: Scenes) -> SplitSide:
     """The scenes as a side of a split."""
-    return Side(scenes.files, lambda i: [scenes[i].points])
+    return SplitSide(scenes.files, lambda i: [scenes[i].points])

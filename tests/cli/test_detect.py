@@ -15,7 +15,7 @@ from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, start_run
-from jaxsim.simulate.sensor import load
+from jaxsim.simulate.learned_sensor import load
 from tests.detect.tiny import EXPERIMENT
 
 UNTRAINED = replace(EXPERIMENT, detector=replace(EXPERIMENT.detector, score=0.0))

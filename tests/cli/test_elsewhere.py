@@ -5,7 +5,7 @@ from pathlib import Path
 
 from jaxsim.cli.elsewhere import Elsewhere, OnWorkers, on_cluster
 from jaxsim.cluster import Done
-from jaxsim.simulate.sensor import LearnedSensor, load
+from jaxsim.simulate.learned_sensor import LearnedSensor, load
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import pytest
 from jaxsim.cloud.kitti_tree import (
     calibration_text,
     choose_boxes,
-    files_of,
     label_lines,
+    tree_files,
     within_reach,
     write_image_sets,
     write_kitti_frame,
@@ -168,7 +168,7 @@ def test_boxes_that_are_no_boxes_are_refused(change):
 
 
 def test_the_label_is_the_last_of_a_frames_files(tmp_path):
-    assert [path.parent.name for path in files_of(tmp_path, "000001")] == ["velodyne", "calib", "image_2", "label_2"]
+    assert [path.parent.name for path in tree_files(tmp_path, "000001")] == ["velodyne", "calib", "image_2", "label_2"]
 
 
 def test_the_pages_own_frame_is_a_tree(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
-from jaxsim.data.seen import MOST, Side, frames_seen, warn_of_scenes, warn_of_seen, warn_of_seen_pairs
+from jaxsim.data.seen import MOST, SplitSide, frames_seen, warn_of_scenes, warn_of_seen, warn_of_seen_pairs
 from jaxsim.pairs.prepared import prepared
 
 PREPARE = PrepareConfig(inputs=("rgb", "depth", "row"), depth="ip_basic_fast", columns=64)
@@ -59,13 +59,13 @@ def test_many_frames_are_known_by_their_keys_alone():
     def values(i):
         raise AssertionError("read")
 
-    learned = Side(range(MOST), values)
-    assert frames_seen(learned, Side([MOST, 3, 4], values)) == [1, 2]
+    learned = SplitSide(range(MOST), values)
+    assert frames_seen(learned, SplitSide([MOST, 3, 4], values)) == [1, 2]
 
 
 def test_frames_without_a_measurement_are_no_copies_of_one_another(said):
-    nothing = Side(["a"], lambda i: [np.zeros(0)])
-    assert frames_seen(nothing, Side(["b"], nothing.values)) == []
-    assert not warn_of_seen(Side([1, 2]), Side([3]), names=["c"])
+    nothing = SplitSide(["a"], lambda i: [np.zeros(0)])
+    assert frames_seen(nothing, SplitSide(["b"], nothing.values)) == []
+    assert not warn_of_seen(SplitSide([1, 2]), SplitSide([3]), names=["c"])
     warn_of_scenes((), who="the network")
     assert not said.messages

@@ -10,7 +10,7 @@ from jaxsim.cli.simulate import Simulate
 from jaxsim.config import DataConfig
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
-from jaxsim.simulate.sensor import load
+from jaxsim.simulate.learned_sensor import load
 from jaxsim.studies.ablation import draw_unmeasured
 
 

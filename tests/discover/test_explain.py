@@ -1,16 +1,17 @@
 """What is said of the candidates that are not named, and what a reader must know."""
 
-import inspect
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
+from jaxsim.discover.division import Division
 from jaxsim.discover.explain import named, notes, why_not
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.name.answer import DENIED, NEGLIGIBLE, Answer
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice
+from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.chain import SensorModel
@@ -49,15 +50,22 @@ def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
     assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
 
 
+def partly(kind, **fields):
+    """A struct of which only these fields are known."""
+    made = object.__new__(kind)
+    made.__dict__.update(fields)
+    return made
+
+
 def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, drives="ab", sectors=1, **more):
     """The notes of an answer on frames of which nothing else must be known."""
     scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
-    comparison = SimpleNamespace(notes=(), scenes=tuple(drives), scan=scan, control=control)
+    comparison = partly(Comparison, notes=(), scenes=tuple(drives), scan=scan, control=control)
     simulator = SimpleNamespace(noise=Levels(), free_contrast=free_contrast)
     parts, blocks = SimpleNamespace(judge=("a",) * 5), SimpleNamespace(sectors=sectors)
-    division = SimpleNamespace(parts=parts, blocks=blocks, left_out=more.pop("left_out", ""), simulator=simulator)
+    division = partly(Division, parts=parts, blocks=blocks, left_out=more.pop("left_out", ""), simulator=simulator)
     choice = Choice(steps, (), problem(), refused=more.pop("refused", {}))
-    return inspect.unwrap(notes)(comparison, division, Answer("named", choice, None, **more))
+    return notes(comparison, division, Answer("named", choice, None, **more))
 
 
 def test_few_drives_that_are_cut_into_sectors_are_told():

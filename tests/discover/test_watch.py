@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.watch import PARTS_OF_TURN, changes, measure_names, measures, watch_days
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.watch import changes, measure_names, measures, watch_days
 from jaxsim.frame import PolarImage
 from tests.discover.made_watch import GRID, day, drives, dying_beam
 
@@ -16,7 +17,7 @@ def table(seed):
 
 
 def dirty_window(intensity, valid):
-    width = COLUMNS // PARTS_OF_TURN
+    width = COLUMNS // RULES.watch_sectors
     intensity[:, 5 * width : 6 * width] *= 0.75
     valid[:, 5 * width : 6 * width] &= np.random.default_rng(9).random((ROWS, width)) < 0.6
     return intensity, valid

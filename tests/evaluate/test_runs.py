@@ -5,10 +5,10 @@ from dataclasses import replace
 
 from jaxsim.config import RunConfig
 from jaxsim.evaluate.intensity import baseline_sums
-from jaxsim.evaluate.runs import mean_words, score_sensor, scores_by_scene
+from jaxsim.evaluate.runs import mean_words, score_learned_sensor, scores_by_scene
 from jaxsim.metrics.paired import total_scores
 from jaxsim.runs.frames import RunFrames
-from jaxsim.simulate.sensor import load
+from jaxsim.simulate.learned_sensor import load
 from tests.evaluate.made import street
 from tests.untrained import tiny_experiment, untrained_run
 
@@ -38,16 +38,16 @@ def test_a_run_is_judged_by_name_where_a_drive_that_sorts_first_joined_its_data(
     own = sensor.run.experiment.data
     learned = [f"2011_09_26_drive_0001_sync-{k:010d}" for k in range(2)]
     recorded = RunFrames((*learned,), ("2011_09_26_drive_0002_sync-0000000000",))
-    before = score_sensor(sensor, own, validation=own.validation, recorded=recorded)
+    before = score_learned_sensor(sensor, own, validation=own.validation, recorded=recorded)
     caplog.clear()
     date = raw_root / "2011_09_26"
     shutil.copytree(date / "2011_09_26_drive_0002_sync", date / "2011_09_26_drive_0000_sync")
 
-    after = score_sensor(sensor, own, validation=own.validation, recorded=recorded)
+    after = score_learned_sensor(sensor, own, validation=own.validation, recorded=recorded)
     assert after.pairs.names == before.pairs.names == [*recorded.validation]
     assert after.scores == before.scores
     told = [message for message in caplog.messages if "no longer those of the run" in message]
     assert [message.split()[0] for message in told] == ["validation", "training"]
     caplog.clear()
-    score_sensor(sensor, own, frames="1-2", recorded=recorded)
+    score_learned_sensor(sensor, own, frames="1-2", recorded=recorded)
     assert any("2 of the 2 frames that judge are training frames too" in m and learned[0] in m for m in caplog.messages)

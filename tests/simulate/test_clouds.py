@@ -18,7 +18,7 @@ from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.matching import truth_flags
 from jaxsim.simulate.clouds import make_cloud
-from jaxsim.simulate.sensor import LearnedSensor, load
+from jaxsim.simulate.learned_sensor import LearnedSensor, load
 from tests.cloud import openpcdet_rules as rules
 
 

@@ -12,7 +12,7 @@ from jaxsim.frame import Painted, PolarImage
 from jaxsim.geometry import preset, window_grid
 from jaxsim.simulate.folder import claim_effects
 from jaxsim.simulate.frames import simulate_batch, with_effects
-from jaxsim.simulate.sensor import load
+from jaxsim.simulate.learned_sensor import load
 from tests.untrained import tiny_experiment, untrained_run
 
 GRID = window_grid(preset("vlp16"), 0.5, -0.5, columns=40)

@@ -10,13 +10,13 @@ import pytest
 
 from jaxsim.cli.export import Export
 from jaxsim.cli.flags import DataSource
-from jaxsim.cloud.kitti_tree import files_of
+from jaxsim.cloud.kitti_tree import tree_files
 from jaxsim.config import CloudRecipe
 from jaxsim.data import KittiObject
 from jaxsim.data.polar_frames import write_grid
 from jaxsim.effects.chain import SensorModel
 from jaxsim.geometry import LidarSpec, full_grid
-from jaxsim.simulate.sensor import load
+from jaxsim.simulate.learned_sensor import load
 from jaxsim.simulate.trees import export_trees
 from tests.cloud import openpcdet_rules as rules
 from tests.simulate.made_trees import Six, boxes_at
@@ -47,11 +47,11 @@ def test_objects_too_far_and_frames_without_objects_are_left_out(tmp_path, six, 
 def test_the_same_command_makes_only_what_is_missing(tmp_path, six):
     Export(out=tmp_path, frames="0-3")()
     assert sorted(six.made) == [0, 1, 2, 3]
-    files_of(tmp_path, "000003")[0].unlink()
+    tree_files(tmp_path, "000003")[0].unlink()
     six.made.clear()
     Export(out=tmp_path, frames="0-5")()
     assert sorted(six.made) == [3, 4, 5]
-    assert all(path.is_file() for path in files_of(tmp_path, "000003"))
+    assert all(path.is_file() for path in tree_files(tmp_path, "000003"))
     six.made.clear()
     Export(out=tmp_path, frames="0-5")()
     assert six.made == []
@@ -294,7 +294,7 @@ def test_frames_of_changed_files_and_clouds_that_are_cut_off_are_made_anew(tmp_p
     six.made.clear()
     files[2].write_bytes(b"12")
     files[4].write_bytes(b"12")
-    cut = files_of(out, "000003")[0]
+    cut = tree_files(out, "000003")[0]
     cut.write_bytes(cut.read_bytes()[:-4])
     Export(out=out, frames="0-5")()
     assert sorted(six.made) == [2, 3, 4]
@@ -305,7 +305,7 @@ def test_frames_of_changed_files_and_clouds_that_are_cut_off_are_made_anew(tmp_p
     files[4].write_bytes(b"123")
     six.boxes = lambda index: boxes_at()
     Export(out=out, frames="0-5")()
-    assert not any(path.exists() for path in files_of(out, "000004"))
+    assert not any(path.exists() for path in tree_files(out, "000004"))
     assert listed(out, "trainval") == ["000000", "000003", "000005"]
 
 

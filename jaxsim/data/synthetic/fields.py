@@ -48,7 +48,7 @@ def rotate(rotation: Float[Array, "3 3"], v: Triple) -> Triple:
     return each(lambda i: rotation[i, 0] * v[0] + rotation[i, 1] * v[1] + rotation[i, 2] * v[2])
 
 
-def together(of: int, most: int) -> int:
+def at_once(of: int, most: int) -> int:
     """How many of so many are worked on at a time: a CPU's cache holds `most`, other devices take all."""
     return min(most, of) if jax.default_backend() == "cpu" else of
 
@@ -57,7 +57,7 @@ def in_blocks(work: Callable[..., Any], *fields: Any) -> Any:
     """`work` of fields over rays (trees of rasters of one shape) by blocks, so that `when` can pass over blocks."""
     shape = jax.tree.leaves(fields)[0].shape
     count = math.prod(shape)
-    block = together(count, BLOCK)
+    block = at_once(count, BLOCK)
 
     def cut(raster: Array) -> Array:
         return jnp.pad(raster.reshape(-1), (0, -count % block), mode="edge").reshape(-1, block)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.fields import Starts, Triple, each, smooth_noise3, together
+from jaxsim.data.synthetic.fields import Starts, Triple, at_once, each, smooth_noise3
 from jaxsim.data.synthetic.normals import normals
 from jaxsim.data.synthetic.solids import FACES, GROUND, LEAF_M, POLYHEDRA, ROUNDS, SKY, Solids
 from jaxsim.data.synthetic.street import Street, cast_ground
@@ -147,7 +147,7 @@ def cast_tiles(
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
     """The same of rays that stand tile by tile, as in `candidates`."""
     count = len(candidates.tile)
-    some = together(count, TOGETHER)
+    some = at_once(count, TOGETHER)
 
     def grouped(leaf: Array) -> Array:
         leaf = jnp.pad(leaf, ((0, -count % some), *((0, 0),) * (leaf.ndim - 1)), mode="edge")

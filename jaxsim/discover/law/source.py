@@ -217,7 +217,7 @@ def _parameter(law: ClosedLaw, name: str) -> str:
         bounds, meaning = (parameter.value, *sorted([parameter.value / 2, 2 * parameter.value])), name
         scale = abs(parameter.value) / 4
     # The gain takes a level of intensities up; a place of a step has no derivative.
-    fitted = not (name == "edge" or (name == "level" and law.channel == "intensity"))
+    free = not (name == "edge" or (name == "level" and law.channel == "intensity"))
     numbers = ", ".join(f"{number:.6g}" for number in bounds)
-    not_fitted = "" if fitted else ", fitted=False"
-    return f"        {name!r}: Parameter({numbers}, {parameter.unit!r}, {meaning!r}, scale={scale:.6g}{not_fitted}),"
+    given = "" if free else ", fitted=False"
+    return f"        {name!r}: Parameter({numbers}, {parameter.unit!r}, {meaning!r}, scale={scale:.6g}{given}),"

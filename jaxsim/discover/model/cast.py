@@ -216,12 +216,6 @@ def _room(count: int) -> int:
     return -(-(count + 1) // ROOM) * ROOM
 
 
-BEND = 0.03
-"""A mean of the neighbours' 1 / range that is this share off the ray's own is an edge."""
-PLANAR = 0.01
-"""Within this share of it: one plane, whose normal the range image gives."""
-
-
 def bends(
     range_m: Float[Array, "*n"],
     beside_m: Float[Array, "*n 4"],
@@ -250,21 +244,24 @@ def with_planes(scan: Scan) -> Scan:
     row = jnp.broadcast_to(jnp.arange(scan.range_m.shape[1])[:, None], scan.range_m.shape)
     sides, stack = bends(scan.range_m, neighbours_m(scan), row, elevation_rad=scan.grid.elevation_rad)
     # Both ways, or the edge of a kerb would get the normal of neither side.
-    plane = scan.hit & has_normal & (sides < PLANAR) & (stack < PLANAR)
+    plane = scan.hit & has_normal & (sides < RULES.plane_bend) & (stack < RULES.plane_bend)
     return replace(scan, incidence_rad=jnp.where(plane, slant, scan.incidence_rad))
 
 
 def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
     """Rays whose neighbours do not continue their surface, or lie beside the sky.
 
-    To the sides a step of 0.3 m and 5 % of the range counts; a bend (`bends`) of 3 % counts all round.
+    To the sides a step counts, of `Rules.edge_step_m` and `edge_step_share` of the range; all round a bend (`bends`).
     """
     # A step to the side, a bend any way, or the sky beside; of rays that hit nothing, a surface beside.
     sky = ~jnp.isfinite(rays.beside_m)
     beside = jnp.where(sky, 1e4, rays.beside_m)
-    side = jnp.abs(beside[..., :2] - rays.range_m[..., None]) > jnp.maximum(0.3, 0.05 * rays.range_m)[..., None]
+    step_m = jnp.maximum(RULES.edge_step_m, RULES.edge_step_share * rays.range_m)
+    side = jnp.abs(beside[..., :2] - rays.range_m[..., None]) > step_m[..., None]
     sides, stack = bends(rays.range_m, rays.beside_m, rays.row, elevation_rad=elevation_rad)
     last = elevation_rad.shape[0] - 1
     # The border repeats the ray itself: half of the step to its one neighbour is left.
-    bent = (sides > BEND) | (stack > jnp.where((rays.row == 0) | (rays.row == last), 0.2, BEND))
+    at_border = (rays.row == 0) | (rays.row == last)
+    most = jnp.where(at_border, RULES.edge_bend_at_border, RULES.edge_bend)
+    bent = (sides > RULES.edge_bend) | (stack > most)
     return jnp.where(rays.hit, side.any(-1) | bent | sky.any(-1), ~sky.all(-1))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from jaxsim.discover.model.fit import Fit, Problem, best_starts, fit, partway, score_at, score_columns
 from jaxsim.discover.model.likelihood import rounded, rounding_gain
@@ -122,62 +122,124 @@ def rank_effects(
     `null` saves its fits where they are known. Where only what passes a `bar` is asked for, an effect whose first fit
     leaves no hope of it is not fitted on the other folds.
     """
-    scene = np.asarray(problem.ev.scene)
-    scenes = problem.ev.scenes
-    seen = np.unique(scene)
-    masks = folds(scene)
-    null = null or problem.null_fits
-    # Candidate and null begin at the same noise, so that what one gains is the effect's.
-    problems = [replace(problem, noise=base.noise) for base in null]
-    steps = rounded(problem.ev)
-    starts_read = starts_of(problem)
-
-    def candidate(effect: Law) -> Candidate:
-        used = score_columns(effect)
-        gain = np.zeros((scenes, 3))
-        slope = np.zeros(scenes)
-        over_smooth = np.zeros((2, scenes)) if by_beam(effect) else None
-        fits = []
-        inside = []
-        # A lattice's step is read off the readings; its fit moves the noise alone, and has no direction.
-        step = steps.get(effect.name)
-        at = None if step is None else ({next(iter(effect.parameters)): step},)
-        # Of starts that say the same the first is taken: those that are read off all columns know more than the fit.
-        starts = at or ({}, *starts_read.get(effect.name, ()), *effect.starts)
-        begin = best_starts(effect, problem, starts, parts=masks)
-        for in_fit, base, start, begun_at in zip(masks, null, problems, begin, strict=True):
-            result = fit(effect, start, in_fit, starts=(begun_at,), fixed=at is not None)
-            gained = np.zeros((len(scene), 3))
-            gained[:, used] = (result.score - base.score)[:, used]
-            if step is not None:
-                gained += rounding_gain(problem.ev, {effect.name: step})
-            inside.append(gained[in_fit > 0].sum())
-            # Each scene counts by the one fit that has not seen it.
-            gained[in_fit > 0] = 0
-            begun = gained if at else np.zeros((len(scene), 3))
-            if not at:
-                part = partway(effect, start, in_fit, fit=result, share=RULES.direction_share)
-                begun[:, used] = (part - base.score)[:, used]
-                begun[in_fit > 0] = 0
-            slope += np.bincount(scene, begun.sum(-1), scenes)
-            if over_smooth is not None:
-                level = smoothed(effect, start, in_fit, result=result)
-                level_part = partway(effect, start, in_fit, fit=level, share=RULES.direction_share)
-                for k, rough in enumerate((result.score - level.score, part - level_part)):
-                    over_smooth[k] += np.bincount(scene, np.where(in_fit > 0, 0, rough[:, used].sum(-1)), scenes)
-            gain += np.stack([np.bincount(scene, gained[:, k], scenes) for k in range(3)], axis=-1)
-            fits.append(result)
-            if len(fits) == 1 and inside[0] < RULES.hopeless_share * bar and gain.sum(-1).clip(0).sum() < bar:
-                break
-        beams = (None, None) if over_smooth is None else tuple(over_smooth[:, seen])
-        return Candidate(effect, gain[seen], tuple(fits), slope[seen], *beams, inside=float(np.mean(inside)))
-
+    trial = _Trial.of(problem, null or problem.null_fits, bar=bar)
     with ThreadPoolExecutor(THREADS) as pool:
         # Effects that round are tried where a lattice was read off the data, and nowhere else.
-        tried = [e for e in effects if e.name not in FINEST or e.name in steps]
+        tried = [e for e in effects if e.name not in FINEST or e.name in trial.steps]
         told = {"total": len(tried), "desc": "fitting", "unit": "effect", "leave": False}
-        ranking = list(Progress(pool.map(candidate, tried), **told))
+        ranking = list(Progress(pool.map(trial.candidate, tried), **told))
     return sorted(ranking, key=lambda candidate: -candidate.total)
+
+
+@dataclass(frozen=True)
+class _FoldGain:
+    """What the fit of one fold gains in each scene of the problem, nats; 0 in those that it was fitted to."""
+
+    result: Fit
+    gain: Float[np.ndarray, "s 3"]
+    slope: Float[np.ndarray, " s"]
+    """As in `Candidate`; so is `inside`."""
+    over_smooth: Float[np.ndarray, "2 s"] | None
+    """`over_smooth` and `over_smooth_slope` of `Candidate`."""
+    inside: float
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """What every effect is tried on: folds of the scenes, and the null's fit to each, which it has to beat."""
+
+    problem: Problem
+    scene: Int[np.ndarray, " b"]
+    masks: Float[np.ndarray, "k b"]
+    """For each fold, 1 for the blocks that are fitted and 0 for those held out."""
+    null: Sequence[Fit]
+    steps: dict[str, float]
+    """Of the lattices on which readings lie, by the effect that rounds."""
+    starts: dict[str, tuple[dict[str, Any], ...]]
+    """Those that are read off the data, by effect."""
+    bar: float
+
+    @classmethod
+    def of(cls, problem: Problem, null: Sequence[Fit], *, bar: float) -> _Trial:
+        scene = np.asarray(problem.ev.scene)
+        return cls(problem, scene, folds(scene), null, rounded(problem.ev), starts_of(problem), bar)
+
+    def candidate(self, effect: Law) -> Candidate:
+        """An effect fitted on each fold; on the first alone where that leaves no hope."""
+        # Of starts that say the same the first is taken: those that are read off all columns know more than the fit.
+        starts = ({}, *self.starts.get(effect.name, ()), *effect.starts)
+        if effect.name in self.steps:
+            starts = ({next(iter(effect.parameters)): self.steps[effect.name]},)
+        by_fold: list[_FoldGain] = []
+        for fold, start in enumerate(best_starts(effect, self.problem, starts, parts=self.masks)):
+            by_fold.append(self.fold_gain(effect, fold, start=start))
+            if self.hopeless(by_fold[0]):
+                break
+        # Each scene counts by the one fit that has not seen it; numbers of scenes may have gaps.
+        seen = np.unique(self.scene)
+        over_smooth = [one.over_smooth for one in by_fold if one.over_smooth is not None]
+        return Candidate(
+            effect,
+            np.sum([one.gain for one in by_fold], axis=0)[seen],
+            tuple(one.result for one in by_fold),
+            np.sum([one.slope for one in by_fold], axis=0)[seen],
+            *(np.sum(over_smooth, axis=0)[:, seen] if over_smooth else (None, None)),
+            inside=float(np.mean([one.inside for one in by_fold])),
+        )
+
+    def hopeless(self, first: _FoldGain) -> bool:
+        """Whether an effect whose first fold gains so much will not pass the bar."""
+        within_bar = first.gain.sum(-1).clip(0).sum() < self.bar
+        return bool(first.inside < RULES.hopeless_share * self.bar and within_bar)
+
+    def fold_gain(self, effect: Law, fold: int, *, start: dict[str, Any]) -> _FoldGain:
+        """An effect fitted to one fold's scenes from a start, and what it gains."""
+        in_fit, base = self.masks[fold], self.null[fold]
+        # Candidate and null begin at the same noise, so that what one gains is the effect's.
+        problem = replace(self.problem, noise=base.noise)
+        used = score_columns(effect)
+        step = self.steps.get(effect.name)
+        # A lattice's step is read off the readings; its fit moves the noise alone, and has no direction.
+        result = fit(effect, problem, in_fit, starts=(start,), fixed=step is not None)
+        gain = _in_columns(result.score - base.score, used)
+        if step is not None:
+            gain += rounding_gain(problem.ev, {effect.name: step})
+            on_the_way, over_smooth = gain, None
+        else:
+            part = partway(effect, problem, in_fit, fit=result, share=RULES.direction_share)
+            on_the_way = _in_columns(part - base.score, used)
+            over_smooth = self.over_smooth(effect, problem, in_fit, result=result, part=part)
+        return _FoldGain(
+            result,
+            np.stack([self.by_scene(gain[:, k], in_fit) for k in range(3)], axis=-1),
+            self.by_scene(on_the_way.sum(-1), in_fit),
+            over_smooth,
+            gain[in_fit > 0].sum(),
+        )
+
+    def over_smooth(
+        self, effect: Law, problem: Problem, in_fit: Float[np.ndarray, " b"], *, result: Fit, part: np.ndarray
+    ) -> Float[np.ndarray, "2 s"] | None:
+        """What a fit, and `part` of the way to it, gain over the fit with its beams' numbers made smooth; None of an
+        effect without such."""
+        if not by_beam(effect):
+            return None
+        smooth_fit = smoothed(effect, problem, in_fit, result=result)
+        smooth_part = partway(effect, problem, in_fit, fit=smooth_fit, share=RULES.direction_share)
+        used = score_columns(effect)
+        rough = (result.score - smooth_fit.score, part - smooth_part)
+        return np.stack([self.by_scene(one[:, used].sum(-1), in_fit) for one in rough])
+
+    def by_scene(self, of_blocks: Float[np.ndarray, " b"], in_fit: Float[np.ndarray, " b"]) -> Float[np.ndarray, " s"]:
+        """Sums over the blocks of each scene that are held out."""
+        return np.bincount(self.scene, np.where(in_fit > 0, 0, of_blocks), self.problem.ev.scenes)
+
+
+def _in_columns(score: Float[np.ndarray, "b 3"], used: list[int]) -> Float[np.ndarray, "b 3"]:
+    """A score with 0 in the columns that are not used."""
+    result = np.zeros(score.shape)
+    result[:, used] = score[:, used]
+    return result
 
 
 def by_beam(effect: Law) -> bool:

@@ -29,7 +29,7 @@ from jaxsim.discover.scenes import clipped, p_value
 def denied_without(step: FittedStep, problem: Problem) -> str:
     """The class without whose surfaces all others clearly speak against an effect that was fitted to a problem, by
     name; empty where there is none, and of effects that move or turn rays: these meet other surfaces, of any class."""
-    effect, fitted = step.chosen.effect, step.fit
+    effect, result = step.chosen.effect, step.fit
     if effect.casts:
         return ""
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
@@ -37,7 +37,7 @@ def denied_without(step: FittedStep, problem: Problem) -> str:
     shares = counts / max(counts.sum(), 1)
     for kind in kinds[(shares >= RULES.class_least_share) & (shares <= 1 - RULES.class_least_share)]:
         rest = replace(problem, ev=leaving_out(problem.ev, semantic == kind))
-        with_effect = score_at(effect, rest, z=fitted.z, noise=fitted.noise)
+        with_effect = score_at(effect, rest, z=result.z, noise=result.noise)
         without = score_at(NOTHING, rest, z={}, noise=problem.noise)
         if (with_effect - without)[:, score_columns(effect)].sum() >= 0:
             continue

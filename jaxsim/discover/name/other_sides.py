@@ -112,12 +112,12 @@ class OtherSides:
             return False
         return self.shows(effect, host_values(effect, step.fit.z), step.chosen, there=there, here=self.null.problem)
 
-    def has_curve(self, fitted_to: Problem, along: Dependence, curve: Candidate) -> bool:
-        """Whether a free curve is found here as well."""
+    def has_curve(self, there: Problem, along: Dependence, curve: Candidate) -> bool:
+        """Whether a free curve that was fitted to the problem `there` is found here as well."""
         if along.channel not in self.channels:
             return False
         name = along.covariate
-        known = values_along(fitted_to, name)
+        known = values_along(there, name)
         fits = [np.asarray(values["height"]) for values in curve.fitted_values]
         height = fixed_basis(known, name) @ np.mean(fits, axis=0)
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
@@ -127,7 +127,7 @@ class OtherSides:
         effect = CURVES[along.change]
         unit = np.zeros_like(fits[0])
         unit[0] = 1.0
-        return self.shows(effect, {"height": unit}, curve, there=fitted_to, here=problem)
+        return self.shows(effect, {"height": unit}, curve, there=there, here=problem)
 
 
 def clearly_more(there: Float[np.ndarray, " s"], here: Float[np.ndarray, " t"]) -> bool:

@@ -306,7 +306,7 @@ def together(null: Problem, steps: Sequence[FittedStep]) -> list[FittedStep]:
     """The steps with their effects fitted beside one another: what the first took up that is the next one's would
     else be left for a third to mend."""
     again = refit(null, [step.chosen.effect for step in steps], [step.fit.z for step in steps])
-    return [replace(step, fit=fitted.fit) for step, fitted in zip(steps, again, strict=True)]
+    return [replace(step, fit=one.fit) for step, one in zip(steps, again, strict=True)]
 
 
 def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:

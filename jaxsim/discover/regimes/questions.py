@@ -46,17 +46,17 @@ class Cells:
         return Cells(self.slope[:, ::2] + self.slope[:, 1::2], self.curvature[:, ::2] + self.curvature[:, 1::2])
 
 
-def cells_of(effect: Law, problem: Problem, fitted: Fit, *, sector: Int[np.ndarray, "b c"], sectors: int) -> Cells:
+def cells_of(effect: Law, problem: Problem, result: Fit, *, sector: Int[np.ndarray, "b c"], sectors: int) -> Cells:
     """The cells of an effect that was fitted on top of `problem`; `sector`, of so many, is that of blocks' columns."""
     objective = Objective(effect, problem)
     neutral, _ = objective.restore(objective.first)
     before = effect_with_gradient(effect, neutral, objective.rays, scan=problem.scan)
-    after = effect_with_gradient(effect, fitted.z, objective.rays, scan=problem.scan)
+    after = effect_with_gradient(effect, result.z, objective.rays, scan=problem.scan)
     # Of rays that meet another surface there is no share.
     same = before.constant["hit"] == after.constant["hit"]
 
     def slope_at(state: EffectGradient) -> Float[np.ndarray, "b a"]:
-        by_fields = objective.gradient_at(state.fields, state.constant, fitted.noise).by_fields
+        by_fields = objective.gradient_at(state.fields, state.constant, result.noise).by_fields
         of_rays = _slope(by_fields, before.fields, after.fields, same=same)
         # In float64: cells are differences of sums over thousands of rays.
         total = np.zeros((len(sector), sectors))

@@ -35,6 +35,20 @@ class CompareRules:
     """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does (a
     judgement, not calibrated)."""
 
+    # Where surfaces end. A bend is how far a mean of the neighbours' 1 / range, straight on a plane, is off the ray's.
+    edge_step_m: float = 0.3
+    """A ray lies at an edge where the neighbour to a side is farther off than the larger of this (a judgement, not
+    calibrated) ..."""
+    edge_step_share: float = 0.05
+    """... and this share of the range (a judgement, not calibrated) ..."""
+    edge_bend: float = 0.03
+    """... or where its surface bends by more than this share (a judgement, not calibrated) ..."""
+    edge_bend_at_border: float = 0.2
+    """... and in the first and last row, which have one neighbour above or below, by this (a judgement, not
+    calibrated)."""
+    plane_bend: float = 0.01
+    """Below this the range image shows a plane, and gives its normal (a judgement, not calibrated)."""
+
     # Surfaces that one side alone has.
     one_side_share: float = 0.003
     """Share of all rays, with those that hit nothing, up to which readings of a surface that one side alone has are

@@ -18,6 +18,9 @@ class GateRules:
     target_beside_m: float = 0.5
     """How far a measured point may lie before and behind a target's own simulated ranges to be one of it (a judgement,
     not calibrated)."""
+    target_tile: tuple[int, int] = (8, 32)
+    """Rows and columns of the raster's tiles: where nothing numbers objects, a target is what of one class lies in one
+    (a judgement, not calibrated)."""
     odd_frames: int = 5
     """Frames that are listed as those which an answer serves worst, of folders that do not fit into memory (a
     convention)."""
@@ -35,6 +38,8 @@ class GateRules:
     watch_chance: float = 0.05
     """Probability that a day without any change shows one, all rows and sectors together by Bonferroni (a convention).
     """
+    watch_sectors: int = 12
+    """Parts of the columns that are watched, 30 degrees each of a whole turn (a convention)."""
     watch_least: float = 1e-3
     """Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm; and the least scatter and
     the least change of returns that has none, for means of equal shares differ by rounding (a judgement, not

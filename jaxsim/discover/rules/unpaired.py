@@ -54,6 +54,13 @@ class UnpairedRules:
     unpaired_upright_rise: float = 0.5
     """... what is steeper than this is upright, and all else a kind of its own (a convention: 60 degrees)."""
 
+    # Readings that the law is learned from.
+    unpaired_held_sd: float = 3.0
+    """Robust standard deviations about each side's own law at which readings are held (a judgement, not calibrated).
+    """
+    unpaired_rare_share: float = 0.01
+    """Share of the simulated rays up to which a class has no level of its own (a judgement, not calibrated)."""
+
     # Lost rays.
     unpaired_sure_hits: float = 0.98
     """Share of simulated rays that hit something in the rows in which losses of single rays are compared (a judgement,

@@ -85,17 +85,17 @@ def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chai
 def judged_by_reported(null: NullModel, added: Added) -> dict[str, float]:
     """What judge scenes gain by each named effect that follows the intensity which was reported, alone, as it was
     fitted: nats a scene. The gap is that of simulations, which know the simulated intensity."""
-    held = [fitted for fitted in added.refits if by_reported(fitted.effect)]
+    held = [one for one in added.refits if by_reported(one.effect)]
     if not held:
         return {}
     every = AllScenes.of(null)
     before, judged = every.with_effects(), every.in_fit == 0
     without = score_at(NOTHING, before, every.in_fit, z={}, noise=before.noise)
     gained = {}
-    for fitted in held:
-        after = score_at(fitted.effect, before, every.in_fit, z=fitted.fit.z, noise=fitted.fit.noise)
-        by_block = (after - without)[judged][:, score_columns(fitted.effect)].sum(-1)
-        gained[fitted.effect.plain_name] = float(by_block.sum() / len(np.unique(every.scene[judged])))
+    for one in held:
+        after = score_at(one.effect, before, every.in_fit, z=one.fit.z, noise=one.fit.noise)
+        by_block = (after - without)[judged][:, score_columns(one.effect)].sum(-1)
+        gained[one.effect.plain_name] = float(by_block.sum() / len(np.unique(every.scene[judged])))
     return gained
 
 
@@ -168,7 +168,7 @@ def judge_known(
     null = NullModel.of(Division.of(comparison))
     rows = null.problem.ev.rays.row.shape[-1]
     starts = [to_z(effect, dict(answer[effect.name]), rows) for effect in effects]
-    chain = [(fitted.effect, fitted.fit.z) for fitted in refit(null.problem, effects, starts)]
+    chain = [(one.effect, one.fit.z) for one in refit(null.problem, effects, starts)]
     shown = gap_with(null, chain, refitted(in_place(null.problem, chain)).noise)
     return shown.gap, shown.closure
 

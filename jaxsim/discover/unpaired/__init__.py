@@ -12,10 +12,10 @@ What the law assumes, in nats unless said otherwise, and where it is set
 
     a scene's level 0.3, its slopes over ln r 0.2, incidence 0.3 a rad, height 0.1 a m    conditional.SCENE_SD
     patch of 4 m of ground 0.25                            columns.GROUND_PATCH_M, conditional.GROUND_PATCH_SD
-    class 0.3; one of less than 1 % has no level           evidence.CLASS_SD, conditional.COMMON
+    class 0.3; one of less than 1 % has no level           evidence.CLASS_SD, Rules.unpaired_rare_share
     curvature; free curve 0.15 a knot; gain free      conditional.LAW_CURVATURE_SD, CURVE_SD, columns.FREE_PRECISION
     coefficients of both sides' law: a ray's worth of pull             law.LAW_PULL
-    readings count within 3 robust standard deviations                 conditional.HELD_WITHIN
+    readings count within 3 robust standard deviations                 Rules.unpaired_held_sd
     parameters of effects as in the paired method                      columns.DERIVATIVE_STEP, parameters.LOOSE
     thresholds of the answer                                           Rules.unpaired_
 """

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.evidence import CLASS_SD
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.unpaired.columns import (
     FREE_PRECISION,
     OF_CLASSES,
@@ -43,8 +44,6 @@ from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M, Rays
 
-HELD_WITHIN = 3.0
-"""Robust standard deviations about each side's own law at which readings are held."""
 GROUND_PATCH_SD = 0.25
 """Standard deviation of the level of a patch of ground, nats."""
 SCENE_SD = (0.3, 0.2, 0.3, 0.1)
@@ -54,8 +53,6 @@ LAW_CURVATURE_SD = 0.003
 """Standard deviation of the coefficient of 0.5 sec(incidence)**2, which noise on normals leaves."""
 CURVE_SD = 0.15
 """Standard deviation of a free curve's knots, nats."""
-COMMON = 0.01
-"""Classes of a smaller share of the simulated rays have no level of their own."""
 READING_QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """The quantiles at which the simulator's readings about the law stand for all of them: effects are not linear in ln
 I."""
@@ -199,7 +196,7 @@ def compare(
 def _common(classes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " c"]:
     """The classes that are not rare."""
     values, counts = np.unique(classes, return_counts=True)
-    return values[counts > COMMON * counts.sum()]
+    return values[counts > RULES.unpaired_rare_share * counts.sum()]
 
 
 def _regressed(eq: Equations, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, "l k"]:
@@ -214,14 +211,14 @@ def _ridge(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _clipped(y: np.ndarray, law: np.ndarray, learn: np.ndarray, *, sensed: np.ndarray) -> Float[np.ndarray, " n"]:
-    """Readings held within HELD_WITHIN of their side's own law."""
+    """Readings held within `Rules.unpaired_held_sd` of their side's own law."""
     y = y.copy()
     for side in (sensed, ~sensed):
         for _ in range(2):
             middle = law[side] @ _ridge(law[side & learn], y[side & learn])
             off = y[side] - middle
             # 1.4826: from a median absolute deviation to a normal's standard deviation.
-            reach = HELD_WITHIN * 1.4826 * np.median(np.abs(off[learn[side]]))
+            reach = RULES.unpaired_held_sd * 1.4826 * np.median(np.abs(off[learn[side]]))
             y[side] = middle + np.clip(off, -reach, reach)
     return y
 

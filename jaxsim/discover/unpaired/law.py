@@ -94,9 +94,9 @@ class Equations:
         coefficients = np.zeros((len(self.square), self.gram.shape[-1]))
         coefficients[:, :n] = solution.law
         coefficients[:, n + solution.columns] = measured[:, None] * solution.side
-        fitted = np.einsum("spq,sq->sp", self.gram, coefficients)
+        predicted = np.einsum("spq,sq->sp", self.gram, coefficients)
         # |y - X b|² = y'y - 2 b'X'y + b'X'X b.
-        return 0.5 * (self.square + np.einsum("sp,sp->s", coefficients, fitted - 2 * self.right))
+        return 0.5 * (self.square + np.einsum("sp,sp->s", coefficients, predicted - 2 * self.right))
 
 
 class RandomEffects(NamedTuple):

@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.discover.model.cast import BEND
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
 from jaxsim.discover.read.checks import all_or_none, check_no_copies, check_one_grid, plausible
 from jaxsim.discover.rules import RULES
@@ -216,7 +215,7 @@ def roughness_m(range_m: np.ndarray, valid: np.ndarray) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         # The middle ray against the line through its neighbours, in 1 / range and then back in metres.
         off = ((1 / r[..., :-2] + 1 / r[..., 2:]) / 2 * r[..., 1:-1] - 1) * r[..., 1:-1]
-    near = np.abs(off) < BEND * r[..., 1:-1]
+    near = np.abs(off) < RULES.edge_bend * r[..., 1:-1]
     # 1.4826: from a median absolute deviation to a normal's standard deviation.
     return float(1.4826 * np.median(np.abs(off[near])) / np.sqrt(1.5)) if near.any() else 0.0
 
@@ -255,7 +254,7 @@ def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.nda
         along_column = np.abs((1 / np.roll(r, 1, 1) + 1 / np.roll(r, -1, 1)) / 2 * r - 1)
     # np.roll carries the other end's rays to the borders.
     along_row[..., [0, -1]] = np.nan
-    smooth = has_normal & scan.hit & (along_row < BEND)
+    smooth = has_normal & scan.hit & (along_row < RULES.edge_bend)
     return height, rise, np.nan_to_num(np.minimum(along_column, 1.0), nan=1.0), smooth
 
 

@@ -48,7 +48,7 @@ class Loop:
         return self.config.out
 
     @property
-    def sensor(self) -> Path:
+    def intensity(self) -> Path:
         """The run of the intensity network."""
         return self.out / "intensity"
 

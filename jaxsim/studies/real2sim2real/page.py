@@ -63,12 +63,12 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
             section(
                 "Trained on simulated clouds, scored on real ones",
                 f"AP R40 of {loop.target}, percent, mean of the last epochs; in brackets the paper's, on KITTI.",
-                table(*scores.score_table(loop, of_real=False), text=2),
+                table(*scores.loop_table(loop, of_real=False), text=2),
                 drawn("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
             ),
             section(
                 "Trained on real clouds, scored on simulated ones",
-                table(*scores.score_table(loop, of_real=True), text=2),
+                table(*scores.loop_table(loop, of_real=True), text=2),
             ),
             section(
                 "The kinds of clouds",

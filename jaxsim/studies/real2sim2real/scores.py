@@ -171,7 +171,7 @@ def discovered_effects(loop: Loop) -> str:
     return ", ".join(name for name, _ in SensorModel.load(loop.effects).effects) or "nothing"
 
 
-def score_table(loop: Loop, *, of_real: bool) -> Table:
+def loop_table(loop: Loop, *, of_real: bool) -> Table:
     """Heads, and the rows of `score_rows` as text: ours, the paper's in brackets."""
     heads = ("scored on" if of_real else "trained on", "difficulty", "labels", *HEADS)
     lines = []
@@ -194,9 +194,9 @@ def loop_tables(loop: Loop, counts: Counts) -> str:
             answer(loop),
             f"The sensor was found to lack: {discovered_effects(loop)}.",
             f"Trained on a kind of cloud, scored on real ones; AP R40 of {loop.target}, last epochs (the paper's):",
-            markdown_table(*score_table(loop, of_real=False)),
+            markdown_table(*loop_table(loop, of_real=False)),
             "Trained on real clouds, scored on each kind:",
-            markdown_table(*score_table(loop, of_real=True)),
+            markdown_table(*loop_table(loop, of_real=True)),
             check_text(counts, loop.target),
         ]
     )

@@ -28,7 +28,7 @@ from jaxsim.report.scenes import TurnedScene
 from jaxsim.report.words import verdict_sentence
 from jaxsim.runs.frames import judges_of, read_frames
 from jaxsim.runs.run import Checkpoints
-from jaxsim.simulate.sensor import load
+from jaxsim.simulate.learned_sensor import load
 from jaxsim.simulate.sides import write_pairs
 from jaxsim.simulate.trees import LabelRules, TreePlan, choose_frames, export_trees
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
@@ -63,11 +63,11 @@ def check_sources(config: LoopConfig) -> None:
 def discover_lacking(loop: Loop) -> None:
     """Writes what `discover` finds the loop's sensor to lack, on frames that it did not learn from."""
     known_effects()
-    sensor, out = load(loop.sensor), loop.effects.parent
-    data = sensor.run.experiment.data
+    learned, out = load(loop.intensity), loop.effects.parent
+    data = learned.run.experiment.data
     dataset = open_dataset(data)
-    judged = judges_of(read_frames(loop.sensor), dataset, frames="", validation=data.validation)
-    simulated, measured = write_pairs(sensor, dataset, judged, out=out, log=_log.info)
+    judged = judges_of(read_frames(loop.intensity), dataset, frames="", validation=data.validation)
+    simulated, measured = write_pairs(learned, dataset, judged, out=out, log=_log.info)
     result = discover_folders(simulated=simulated, measured=measured, log=_log.info)
     page = write_answer(out, result)
     _log.info(f"{verdict_sentence(result.verdict)} {page}")
@@ -82,7 +82,7 @@ def export_kinds(loop: Loop) -> None:
     labels = LabelRules(occlusion=loop.config.occlusion if source.kind == "vkitti2" else "levels")
     recipes = {kind: loop.recipe(kind) for kind in loop.config.kinds}
     needed = any(recipe.source == "simulated" for recipe in recipes.values())
-    learned = load(loop.sensor) if needed else None
+    learned = load(loop.intensity) if needed else None
     rows = learned and learned.rows
     plans = [
         TreePlan(
@@ -129,7 +129,7 @@ class Stages:
         """Runs all that is missing, and writes tables and page after each seed."""
         loop = self.loop
         self.log("the sensor: an intensity network on real pairs")
-        self.train(loop.sensor, loop.intensity_experiment())
+        self.train(loop.intensity, loop.intensity_experiment())
         if {*WITH_EFFECTS} & {*loop.config.kinds}:
             self.log("what the sensor lacks: discover on real frames that it did not learn from")
             self.discover()

@@ -51,8 +51,8 @@ def of_segmentation(image: RangeImage, intensity: Float[np.ndarray, "rows column
     return np.concatenate([geometry(image), intensity[..., None]], -1).astype(np.float32)
 
 
-def of_sensor(image: RangeImage, classes: int) -> np.ndarray:
-    """Inputs of the sensor: geometry, laser line and class, one channel each."""
+def of_learned_sensor(image: RangeImage, classes: int) -> np.ndarray:
+    """Inputs of the learned sensor: geometry, laser line and class, one channel each."""
     rows, columns = image.range_m.shape
     line = np.broadcast_to(np.eye(rows, dtype=np.float32)[:, None], (rows, columns, rows))
     return np.concatenate([geometry(image), line, np.eye(classes, dtype=np.float32)[image.label]], -1).astype(
@@ -67,7 +67,7 @@ def class_loss(outputs: Float[Array, "b h w k"], batch: Targets) -> Float[Array,
     return -(batch["weight"] * right).sum() / jnp.maximum(batch["weight"].sum(), 1e-6)
 
 
-def sensor_loss(outputs: Float[Array, "b h w k"], batch: Targets) -> Float[Array, ""]:
+def intensity_loss(outputs: Float[Array, "b h w k"], batch: Targets) -> Float[Array, ""]:
     """The quantile loss of returned cells."""
     return quantile_loss(outputs, batch["intensity"], batch["weight"])
 

@@ -77,7 +77,7 @@ class Study:
         config = self.config
         path = config.out / "intensity" / f"part{part}{'' if judged is None else f'_without{judged}'}.npz"
         if not path.is_file():
-            inputs = [networks.of_sensor(image, self.classes) for image in self.images]
+            inputs = [networks.of_learned_sensor(image, self.classes) for image in self.images]
             learned = self.others(part, judged)
             targets = [
                 {"intensity": self.images[i].intensity, "weight": self.images[i].valid.astype(np.float32)}
@@ -86,7 +86,7 @@ class Study:
             network = networks.train_network(
                 [inputs[i] for i in learned],
                 targets,
-                networks.sensor_loss,
+                networks.intensity_loss,
                 out_channels=len(QUANTILES) + 1,
                 steps=config.sensor_steps,
                 seed=0,

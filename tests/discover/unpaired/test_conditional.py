@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from jaxsim.discover.unpaired.conditional import HELD_WITHIN, _clipped, _common, _inflation, _within
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.unpaired.conditional import _clipped, _common, _inflation, _within
 from jaxsim.discover.unpaired.law import Block, RandomEffects, equations, exchanged
 
 
@@ -16,7 +17,7 @@ def test_readings_are_held_within_reach_of_their_own_side():
     y[:2] = [5.0, -5.0]
     sensed = np.arange(1000) < 500
     held = _clipped(y, np.ones((1000, 1)), np.ones(1000, bool), sensed=sensed)
-    assert np.abs(held).max() < 1.2 * HELD_WITHIN * 0.1
+    assert np.abs(held).max() < 1.2 * RULES.unpaired_held_sd * 0.1
     np.testing.assert_allclose(held[2:500], y[2:500], atol=0.1)
 
 

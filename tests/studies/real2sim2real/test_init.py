@@ -41,7 +41,7 @@ def test_the_sensor_does_not_learn_from_frames_that_judge():
 def test_more_seeds_and_kinds_may_be_asked_for_but_no_other_settings(loop):
     claim_loop(replace(loop.config, occlusion="never_visible"))  # nothing is made yet
     claim_loop(loop.config)
-    loop.sensor.mkdir()
+    loop.intensity.mkdir()
     claim_loop(replace(loop.config, seeds=(0, 1, 2), kinds=("raw_64", "simulated_grid")))
     other = replace(loop.config, synthetic=replace(loop.config.synthetic, seed=9))
     with pytest.raises(ValueError, match=r"other settings \(synthetic\.seed was 1, now 9\); give another --out"):

@@ -49,7 +49,7 @@ class Lacking:
         self.asked: list[Path] = []
 
     def __call__(self, loop: Loop) -> None:
-        self.asked.append(loop.sensor)
+        self.asked.append(loop.intensity)
         SensorModel((("random_dropout", {"probability": 0.2}),)).save(loop.effects)
         (loop.effects.parent / "verdict.json").write_text("{}")
 
@@ -74,7 +74,7 @@ def test_the_whole_loop_is_made_once_and_told_twice(tmp_path, capfd):
     config = tiny_loop(tmp_path / "loop")
     loop = claim_loop(config)
     stages_of(loop, script, lacking).all()
-    assert lacking.asked == [loop.sensor]
+    assert lacking.asked == [loop.intensity]
     said = capfd.readouterr().out
     assert said.count("trained /") == 1 + len(KINDS) + 1
     # What tells the clouds apart is told before the first detector trains.
@@ -200,7 +200,7 @@ def tiny(tmp_path):
 
 @pytest.mark.long
 def test_the_sensor_is_held_against_frames_that_it_did_not_learn_from(tiny, monkeypatch):
-    untrained_run(tiny.sensor, tiny.intensity_experiment())
+    untrained_run(tiny.intensity, tiny.intensity_experiment())
     compared = {}
 
     def discover(*, simulated, measured, log):

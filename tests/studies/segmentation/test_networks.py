@@ -11,9 +11,9 @@ from jaxsim.studies.segmentation.networks import (
     classify,
     descend,
     geometry,
+    intensity_loss,
+    of_learned_sensor,
     of_segmentation,
-    of_sensor,
-    sensor_loss,
     simulate,
     train_network,
 )
@@ -24,7 +24,7 @@ def test_a_cell_without_a_return_tells_nothing_but_its_line_and_class(folder):
     assert not image.valid[0, 0]
     assert not geometry(image)[0, 0].any()
     assert geometry(image)[1, 1, 0] == pytest.approx(np.log(image.range_m[1, 1]) / np.log(120))
-    told = of_sensor(image, 3)
+    told = of_learned_sensor(image, 3)
     assert told.shape == (4, 16, 5 + 4 + 3)
     assert told[2, 5, 5 + 2] == 1
     assert told[2, 5, 5 + 4 + image.label[2, 5]] == 1
@@ -52,11 +52,11 @@ def test_no_cell_is_told_to_be_unlabelled(folder):
 
 def test_intensities_scatter_together_or_each_cell_for_itself(folder):
     images = read_range_images(folder)
-    inputs = [of_sensor(image, 3) for image in images]
+    inputs = [of_learned_sensor(image, 3) for image in images]
     targets = [{"intensity": image.intensity, "weight": image.valid.astype(np.float32)} for image in images]
     config = SegmentationConfig(network=GeneratorConfig(form="unet", filters=2, downsamples=0, enhancers=0), columns=8)
     sensor = train_network(
-        inputs, targets, sensor_loss, out_channels=len(QUANTILES) + 1, steps=1, seed=0, config=config
+        inputs, targets, intensity_loss, out_channels=len(QUANTILES) + 1, steps=1, seed=0, config=config
     )
     together = (Field(1.0, None, None),)
     (grained,) = simulate(sensor, inputs[:1], images[:1], grain=together, seed=0)

@@ -12,7 +12,7 @@ from jaxsim.config import PrepareConfig
 from jaxsim.data import open_dataset
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.frame import CameraFrame
-from jaxsim.simulate.sensor import LearnedSensor, load
+from jaxsim.simulate.learned_sensor import LearnedSensor, load
 from tests.untrained import untrained_run
 
 
