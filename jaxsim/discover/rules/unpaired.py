@@ -60,6 +60,11 @@ class UnpairedRules:
     """
     unpaired_rare_share: float = 0.01
     """Share of the simulated rays up to which a class has no level of its own (a judgement, not calibrated)."""
+    unpaired_bent_steps: float = 3.5
+    """Readings of up to so many steps of a lattice that the measured side alone has are not compared: rounding moves
+    them by over a seventh (set on the development cases of `--first 7` and 8, whose rounded readings of severity 8 were
+    named another effect as well).
+    """
 
     # Lost rays.
     unpaired_sure_hits: float = 0.98

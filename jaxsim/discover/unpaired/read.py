@@ -130,6 +130,20 @@ def _noisy(image: PolarImage, noise_m: float, rng: np.random.Generator) -> Float
     return np.where(valid, noisy if noise_m else range_m, 0).astype(np.float32)
 
 
+def _bent_by_rounding(theirs: SideFrames, steps: dict[str, float]) -> float:
+    """The intensity up to which a lattice that measured readings alone lie on bends their law, as weak beams and far
+    surfaces show; half of them are brighter."""
+    intensity = theirs.readings("intensity")
+    step = steps.get("intensity_quantization", 0.0)
+    return min(RULES.unpaired_bent_steps * step, float(np.median(intensity[intensity > 0]))) if step else 0.0
+
+
+def _rounded(image: PolarImage, steps: dict[str, float]) -> PolarImage:
+    """Simulated intensities on the lattice of measured ones, so that both sides leave out the same dark ones."""
+    step = steps.get("intensity_quantization", 0.0)
+    return replace(image, intensity=step * np.round(np.asarray(image.intensity) / step)) if step else image
+
+
 def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE) -> UnpairedComparison:
     """Two folders of polar frames that need share no street and no names; `per_scene` rays of each scene are kept.
 
@@ -145,10 +159,11 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     check_no_copies(predicted, recorded, sides=(ours.by_name, theirs.by_name))
     # What the simulated ranges lack of the measured ones' noise.
     noise_m = float(np.sqrt(max(theirs.roughness_m**2 - ours.roughness_m**2, 0.0)))
+    steps = _steps(ours, theirs)
     rng = np.random.default_rng(0)
     images = [
-        replace(image, range_m=_noisy(image, noise_m if k < len(ours.names) else 0.0, rng))
-        for k, image in enumerate((*ours.images, *theirs.images))
+        *(replace(_rounded(image, steps), range_m=_noisy(image, noise_m, rng)) for image in ours.images),
+        *(replace(image, range_m=_noisy(image, 0.0, rng)) for image in theirs.images),
     ]
     shape = images[0].valid.shape
     labels = [
@@ -163,7 +178,8 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     frame_scene = np.array([scenes.index(name) for name in (*ours.scenes, *theirs.scenes)])
     height, rise, bend, smooth = _surface(scan, len(ours.names))
     # A reading of 0 has no logarithm, and says only that it was too weak.
-    lit = np.stack([np.asarray(image.intensity) > 0 for image in images])
+    dark = _bent_by_rounding(theirs, steps)
+    lit = np.stack([np.asarray(image.intensity) > dark for image in images])
     good = smooth & lit & (scan.incidence_rad < RULES.compared_below_rad)
     at = _thinned(good, frame_scene, rng, most=per_scene)
     rays = jax.tree.map(np.asarray, rays_at(scan, tuple(part.astype(np.int32) for part in at)))
@@ -183,7 +199,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
         lost=~np.stack([np.asarray(image.valid) for image in images]),
         frame_scene=frame_scene,
         frames=(len(ours.names), len(theirs.names)),
-        steps=_steps(ours, theirs),
+        steps=steps,
         noise_m=noise_m,
         notes=_same_streets(ours, theirs),
     )

@@ -139,12 +139,13 @@ def rank_terms(problem: Conditional, terms: Sequence[Term], draws: Float[np.ndar
 
 
 def outside_catalogue(
-    problem: Conditional, choice: UnpairedChoice, curves: Sequence[UnpairedCandidate], *, fitted: float
+    problem: Conditional, choice: UnpairedChoice, curves: Sequence[UnpairedCandidate], *, strongest_nats: float
 ) -> Unexplained | None:
     """The best free curve if it gains so much more than the best effect that it is none of them. That may gain more
-    with parameters `fitted` (nats of all find scenes) than where its column was taken: a window's place and width."""
+    with its parameters fitted (`strongest_nats`, of all find scenes) than where its column was taken: a window's place
+    and width."""
     good = [curve for curve in curves if curve.accepted and curve.name in CURVES_ALONG]
-    best = max(choice.steps[0].chosen.total, fitted) if choice.steps else 0.0
+    best = max(choice.steps[0].chosen.total, strongest_nats) if choice.steps else 0.0
     if good and good[0].total > RULES.unpaired_curve_factor * best + RULES.curve_margin_nats:
         return _described(problem, good[0])
     return None

@@ -74,8 +74,8 @@ def discover_unpaired(
     choice = choose_unpaired(problem, draws)
     # The strongest effect where it is fitted, not where its column was taken.
     strongest = [step.chosen.term.columns for step in choice.steps[:1]]
-    fitted = gain_of(problem, refine(problem, strongest)) if strongest else 0.0
-    unexplained = outside_catalogue(problem, choice, curves, fitted=fitted)
+    strongest_nats = gain_of(problem, refine(problem, strongest)) if strongest else 0.0
+    unexplained = outside_catalogue(problem, choice, curves, strongest_nats=strongest_nats)
     if unexplained:
         # What a free curve outdoes is not named: the catalogue's nearest law would be a wrong answer.
         choice = UnpairedChoice((), choice.last)

@@ -35,15 +35,15 @@ def test_a_curve_must_gain_clearly_more_than_the_best_effect(monkeypatch):
     best = candidate("beam_gain", 3.0)
     choice = UnpairedChoice((Step(best, (), (best,)),), ())
     problem = object.__new__(select.Conditional)
-    assert select.outside_catalogue(problem, choice, [curve("range", 5.5)], fitted=1.0).covariate == "range"
-    assert select.outside_catalogue(problem, choice, [curve("range", 4.0)], fitted=1.0) is None
-    assert select.outside_catalogue(problem, choice, [curve("range", 5.5)], fitted=50.0) is None
+    assert select.outside_catalogue(problem, choice, [curve("range", 5.5)], strongest_nats=1.0).covariate == "range"
+    assert select.outside_catalogue(problem, choice, [curve("range", 4.0)], strongest_nats=1.0) is None
+    assert select.outside_catalogue(problem, choice, [curve("range", 5.5)], strongest_nats=50.0) is None
 
 
 def test_a_curve_along_the_rows_is_an_effect_of_the_catalogue(monkeypatch):
     monkeypatch.setattr(select, "_described", lambda problem, one: Unexplained("intensity", one.name, "other", ""))
     problem = object.__new__(select.Conditional)
-    assert select.outside_catalogue(problem, UnpairedChoice((), ()), [curve("row", 9.0)], fitted=0.0) is None
+    assert select.outside_catalogue(problem, UnpairedChoice((), ()), [curve("row", 9.0)], strongest_nats=0.0) is None
 
 
 def test_what_gains_little_beside_the_first_effect_is_left_of_its_law(monkeypatch):
