@@ -264,12 +264,14 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
     leads = [Lead(found.finding, found.candidates[:few], step, exists=found.exists) for found in disputes]
     if choice.steps:
         return leads
-    strongest = tried[0]
+    # Beams that change smoothly along the rows are not what is missing, nor what would be divided.
+    likely = [candidate for candidate in tried if not candidate.smooth_is_enough] or tried
+    strongest = likely[0]
     result = strongest.fits[0]
     arcs = [question for question in asked if question.between_scenes(facts.scene) is None]
     for division in _divisions(strongest.effect, result, null, facts=facts, asked=arcs):
         exists = division.question.divides != "scene" or strongest.total > choice.bars.effect
-        leads.append(Lead(division, tuple(tried[:few]), None, result, exists=exists))
+        leads.append(Lead(division, tuple(likely[:few]), None, result, exists=exists))
     return leads
 
 

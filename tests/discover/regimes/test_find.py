@@ -1,6 +1,9 @@
 """The whole method on drives of the independent generator: effects that act in a part are named, and placed."""
 
+import inspect
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +11,10 @@ import pytest
 from benchmarks.blind.hidden import make_case
 from benchmarks.blind.regimes import cells, cells_of, f1
 from jaxsim.discover import discover_folders
+from jaxsim.discover.regimes import find as regimes
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.discovery import write_report
+from tests.discover.name.made import candidate
 
 pytestmark = pytest.mark.long
 
@@ -47,6 +52,23 @@ def test_its_sensor_model_acts_there_alone_and_its_report_says_so(sector, tmp_pa
     page = write_report(tmp_path, result).read_text(encoding="utf-8")
     assert "beam_range_bias acts between" in page
     assert (tmp_path / "figures" / "regime_beam_range_bias.svg").is_file()
+
+
+def test_beams_that_change_smoothly_are_not_what_is_divided(monkeypatch):
+    beams = replace(candidate("beam_range_bias", 31.0, "range"), over_smooth=np.zeros(11))
+    offset = candidate("range_offset", 26.0, "range")
+    monkeypatch.setattr(regimes, "disputed", lambda tried, asked, facts: [])
+    asked_of = []
+    monkeypatch.setattr(regimes, "_divisions", lambda effect, *_, **__: asked_of.append(effect.name) or [])
+    choice = SimpleNamespace(first_ranking=(beams, offset), refused={}, steps=(), bars=None)
+    of_candidates = inspect.unwrap(regimes._of_candidates)
+    assert of_candidates(None, choice, facts=None, asked=()) == []
+    assert asked_of == ["range_offset"]
+    # Rough numbers of beams are, and so is what a smooth change explains where there is nothing else.
+    rough = replace(beams, over_smooth=np.full(11, 5.0) + 0.1 * np.arange(11))
+    of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (rough, offset)}), facts=None, asked=())
+    of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (beams,)}), facts=None, asked=())
+    assert asked_of == ["range_offset", "beam_range_bias", "beam_range_bias"]
 
 
 @pytest.mark.slow
