@@ -132,10 +132,14 @@ def _noisy(image: PolarImage, noise_m: float, rng: np.random.Generator) -> Float
 
 def _bent_by_rounding(theirs: SideFrames, steps: dict[str, float]) -> float:
     """The intensity up to which a lattice that measured readings alone lie on bends their law, as weak beams and far
-    surfaces show; half of them are brighter."""
-    intensity = theirs.readings("intensity")
+    surfaces show; a quarter of them are as bright or brighter, and stay."""
     step = steps.get("intensity_quantization", 0.0)
-    return min(RULES.unpaired_bent_steps * step, float(np.median(intensity[intensity > 0]))) if step else 0.0
+    if not step:
+        return 0.0
+    intensity = theirs.readings("intensity")
+    # Between two of the lattice's values: many readings may be the very quantile.
+    below_bright = float(np.quantile(intensity[intensity > 0], 0.75)) - step / 2
+    return min(RULES.unpaired_bent_steps * step, below_bright)
 
 
 def _rounded(image: PolarImage, steps: dict[str, float]) -> PolarImage:

@@ -1,10 +1,13 @@
 """Two folders of different streets."""
 
+import inspect
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from benchmarks.blind.hidden.streets import make_unpaired
-from jaxsim.discover.unpaired.read import read_unpaired, roughness_m
+from jaxsim.discover.unpaired.read import _bent_by_rounding, read_unpaired, roughness_m
 from tests.discover.unpaired.made import SMALL
 
 
@@ -28,3 +31,10 @@ def test_what_is_dark_beside_a_coarse_lattice_is_compared_on_neither_side(tmp_pa
     lowest = [in_steps[comparison.measured[comparison.scene] == side].min() for side in (False, True)]
     assert lowest[0] == pytest.approx(lowest[1], abs=0.01)
     assert lowest[0] > 1.5
+
+
+@pytest.mark.parametrize(("readings", "dark"), [([0, 0.1, 0.2, 0.6, 0.7], 0.35), ([0, 0.1, 0.1, 0.1, 0.2], 0.075)])
+def test_a_quarter_of_the_rounded_readings_stay_however_dark_they_are(readings, dark):
+    side = SimpleNamespace(readings=lambda field: np.array(readings))
+    assert inspect.unwrap(_bent_by_rounding)(side, {"intensity_quantization": 0.1}) == pytest.approx(dark)
+    assert inspect.unwrap(_bent_by_rounding)(side, {}) == 0
