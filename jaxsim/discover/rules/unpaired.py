@@ -28,8 +28,8 @@ class UnpairedRules:
     """Effects on intensity that are named at most (a convention)."""
     unpaired_least_share: float = 0.025
     """Share of the first effect's gain that a later one must have: a law that is written a little differently leaves as
-    much behind (set on the development cases of `--first 7`, where a second name had at most 1.9 % and was false, or
-    20 %)."""
+    much behind (set on the development cases of `--first 7`, where second names below it were false, and some above it
+    too)."""
     unpaired_curve_factor: float = 1.3
     """A free curve must gain so many times what the best effect does, and `curve_margin_nats` more, to be none (a
     judgement, not calibrated; tests/discover/unpaired/test_select.py)."""
