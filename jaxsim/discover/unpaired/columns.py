@@ -51,6 +51,11 @@ DERIVATIVE_STEP = 0.25
 """Part of a parameter's scale over which derivatives are taken."""
 FREE_PRECISION = 1e-4
 """Precision of the overall gain, and of the size of a start's column: next to free."""
+GROUND = 0
+"""A kind of surface, with the next two."""
+UPRIGHT = 1
+OTHER = 2
+KINDS = (GROUND, UPRIGHT, OTHER)
 GROUND_PATCH_M = 4.0
 """Size of the cells of ground over which surfaces have a level of their own."""
 
@@ -156,10 +161,10 @@ def one_hot(x: np.ndarray, values: np.ndarray | None = None) -> Float[np.ndarray
 
 
 def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
-    """0 ground, 1 upright, 2 other, by height and normal."""
+    """The kind of surface that each ray meets, by height and normal."""
     # rise: vertical part of the normal, 1 on level ground and 0 on walls.
     ground = (comparison.rise > RULES.unpaired_ground_rise) & (comparison.height_m < RULES.unpaired_ground_m)
-    return np.where(ground, 0, np.where(comparison.rise < RULES.unpaired_upright_rise, 1, 2))
+    return np.where(ground, GROUND, np.where(comparison.rise < RULES.unpaired_upright_rise, UPRIGHT, OTHER))
 
 
 def ray_classes(comparison: UnpairedComparison) -> np.ndarray:
@@ -170,7 +175,7 @@ def ray_classes(comparison: UnpairedComparison) -> np.ndarray:
 def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n l"]:
     """Additive curves over all covariates, those over range, incidence and height for each kind of surface."""
     r = comparison.rays
-    surfaces = one_hot(kind, np.arange(3))
+    surfaces = one_hot(kind, np.array(KINDS))
     height = np.clip(comparison.height_m, -1.0, 8.0)
     parts = [
         one_hot(r.row),
@@ -189,7 +194,7 @@ def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
 def scene_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n o"]:
     """What is a scene's own: a level, and slopes over ln r, incidence and height, of each kind of surface; their
     order is that of SCENE_SD."""
-    surfaces = one_hot(kind, np.arange(3))
+    surfaces = one_hot(kind, np.array(KINDS))
     # Centred, so that a slope leaves the level alone.
     slopes = [np.log(comparison.rays.range_m), comparison.rays.incidence_rad, np.clip(comparison.height_m, -1.0, 8.0)]
     return np.concatenate([surfaces, *(surfaces * (x - x.mean())[:, None] for x in slopes)], axis=1)

@@ -219,6 +219,8 @@ def why_not_unpaired(candidate: UnpairedCandidate, choice: UnpairedChoice) -> st
         return ""
     if first and candidate.name in {look_alike.name for look_alike in first.alike}:
         return "these data cannot tell it from the one that is named"
+    if candidate.alone:
+        return f"{candidate.alone} alone would show it: on the two sides these may be of other materials"
     if candidate.accepted:
         return "it explains clearly less than the one that is named"
     if candidate.chance <= RULES.unpaired_level:

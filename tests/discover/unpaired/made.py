@@ -1,15 +1,22 @@
-"""Sizes of small streets, and candidates made by hand."""
+"""Sizes of small streets, readings that were moved, and candidates made by hand."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from jaxsim.discover.unpaired.columns import Columns
-from jaxsim.discover.unpaired.conditional import Term
+from jaxsim.discover.unpaired.conditional import Conditional, Term
 from jaxsim.discover.unpaired.law import Block
 from jaxsim.discover.unpaired.select import UnpairedCandidate
 from jaxsim.effects import EFFECTS
 
 SMALL = {"scenes": 12, "rows": 24, "columns": 192}
 RAYS = 1000
+
+
+def moved(problem: Conditional, change: np.ndarray) -> Conditional:
+    """The problem with a change of ln I in its measured readings; its equations stay as they were."""
+    return replace(problem, y=problem.y + np.where(problem.comparison.measured[problem.comparison.scene], change, 0))
 
 
 def candidate(name: str, gain: float, *, chance: float = 0.0025, scenes: int = 10) -> UnpairedCandidate:
