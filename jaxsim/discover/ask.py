@@ -90,13 +90,11 @@ def answer_of(
     """What naming says of what was found, and the other sides that it asked."""
     found, comparison = placed.found, placed.comparison
     null, simulator = found.null.problem, placed.division.simulator
-    others: list[Callable[[], OtherSides]] = []
-    if simulator.noisy or comparison.other_moments:
-        # Of a simulator without noise the sides are no two readings of one street, but for what casting adds.
-        back = brought_back if comparison.other_moments else None
-        others.append(cache(partial(OtherSides.exchanged, comparison, found.null, back=back)))
-    if control_sides:
-        others.append(control_sides)
+    back = brought_back if comparison.other_moments else None
+    exchanged = cache(partial(OtherSides.exchanged, comparison, found.null, back=back))
+    # Of a simulator without noise the sides are no two readings of one street, but for what casting adds.
+    two_readings = simulator.noisy or comparison.other_moments
+    others = [*([exchanged] if two_readings else ()), *([control_sides] if control_sides else ())]
     answer = name_effects(
         null,
         catalogue,
@@ -105,6 +103,7 @@ def answer_of(
         without=without,
         unasked=HIDDEN_BY_CONTRAST if simulator.free_contrast else HIDDEN_BY_NOISE if simulator.intensities else (),
         others=others,
+        exchanged=None if two_readings else exchanged,
         noise_grows=cache(partial(range_noise_grows, comparison)),
         leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
         apart=placed.division.apart,

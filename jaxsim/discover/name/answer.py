@@ -15,7 +15,7 @@ from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.each_class import denied_without, shown_by
 from jaxsim.discover.name.null_draws import draw_nulls
-from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides
+from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, goes_by_steps
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
@@ -92,6 +92,7 @@ def name_effects(
     without: Sequence[str] = (),
     unasked: Sequence[Along] = (),
     others: Sequence[Callable[[], OtherSides]] = (),
+    exchanged: Callable[[], OtherSides] | None = None,
     noise_grows: Callable[[], bool] = lambda: True,
     leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
     apart: Sequence[int] = (),
@@ -104,7 +105,8 @@ def name_effects(
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`,
     and none of `unasked`.
     What `others` show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
-    control's frames. They are asked where anything is found. So is what is too small to matter (`Rules.negligible`).
+    control's frames. They are asked where anything is found; of a simulator without noise the sides `exchanged` are
+    asked of what goes by depth steps alone. So is what is too small to matter (`Rules.negligible`).
     Noise that grows as echoes weaken is said where that of neighbouring readings does (`noise_grows`), which knows
     nothing of poses and surfaces. What one class alone shows is not said (`denied_without`; `shown_by`, of classes that
     are `apart`). `leaves_nothing` tells whether a free curve's law leaves effects nothing to say.
@@ -112,7 +114,8 @@ def name_effects(
 
     def reasons(step: FittedStep, beside: Problem) -> Iterator[str]:
         effect = step.chosen.effect
-        yield from (sides.why for other in others if (sides := other()).has(step, null))
+        asked = (exchanged, *others) if exchanged and goes_by_steps(effect) else others
+        yield from (sides.why for other in asked if (sides := other()).has(step, null))
         if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
             yield SCARCE
         if effect.name not in FINEST and step.chosen.size < RULES.negligible:

@@ -15,6 +15,9 @@ Frames of other moments are cast to where their partners stood, and what a ray m
 rough surfaces, and what beams differ by, come out as noise on what is simulated, though the simulator has none. So
 these are exchanged too, in all channels, the measured frames cast to where the simulated ones stood.
 
+What lets beams through, crowns and fences, a beam meets by chance: two readings of it differ at depth steps in ranges
+and returns, be the simulator without any noise. So effects of these are always asked.
+
 Of intensities of one moment this is a fair question only where both sides know how bright each surface is. A simulator
 that has a table of reflectances lacks what surfaces have of their own, and that alone makes its readings regress once
 it is taken for the sensor (Berkson's errors become classical ones; Carroll, Ruppert, Stefanski, Crainiceanu 2006).
@@ -42,12 +45,14 @@ from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, dealt
-from jaxsim.effects import Law
+from jaxsim.effects import Effect, Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
 
 EXCHANGED = "with the sides exchanged it is found as well"
 CONTROL = "the control's frames do not clearly differ in it"
+BY_CHANCE = frozenset(("range", "drop"))
+"""Channels in which two readings of what lets beams through differ at depth steps."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +89,21 @@ class OtherSides:
         # Casting blurs both sides alike: what is new loses there, and be it little.
         return cls(other, fit_noise(other.problem), channels, EXCHANGED, share=0.0 if back else RULES.elsewhere_share)
 
-    def shows(self, law: Law, values: dict[str, np.ndarray], of: Candidate, *, there: Problem, here: Problem) -> bool:
-        """Whether a law with the values that a candidate was fitted to `there` is found here as well; both problems are
-        those of nulls, whose rays may carry a basis."""
+    def shows(
+        self,
+        law: Law,
+        values: dict[str, np.ndarray],
+        of: Candidate,
+        *,
+        there: Problem,
+        here: Problem,
+        channels: frozenset[str],
+    ) -> bool:
+        """Whether a law with the values that a candidate was fitted to `there` is found here as well, in these
+        channels; both problems are those of nulls, whose rays may carry a basis."""
         # The values stay as they are: only the noise is fitted to these sides.
         placed = fit(law, here, starts=(values,), fixed=True)
-        used = [CHANNELS.index(name) for name in channels_of(law) if name in self.channels]
+        used = [CHANNELS.index(name) for name in channels_of(law) if name in channels]
 
         def by_scene(score: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " s"]:
             return here.ev.by_scene((score - self.fit.score)[:, used].sum(-1))
@@ -108,9 +122,11 @@ class OtherSides:
     def has(self, step: FittedStep, there: Problem) -> bool:
         """Whether an effect that was chosen of a problem is found here as well."""
         effect = step.chosen.effect
-        if self.channels.isdisjoint(effect.channels):
+        channels = self.channels | BY_CHANCE if goes_by_steps(effect) else self.channels
+        if channels.isdisjoint(effect.channels):
             return False
-        return self.shows(effect, host_values(effect, step.fit.z), step.chosen, there=there, here=self.null.problem)
+        values = host_values(effect, step.fit.z)
+        return self.shows(effect, values, step.chosen, there=there, here=self.null.problem, channels=channels)
 
     def has_curve(self, there: Problem, along: Dependence, curve: Candidate) -> bool:
         """Whether a free curve that was fitted to the problem `there` is found here as well."""
@@ -127,7 +143,12 @@ class OtherSides:
         effect = CURVES[along.change]
         unit = np.zeros_like(fits[0])
         unit[0] = 1.0
-        return self.shows(effect, {"height": unit}, curve, there=there, here=problem)
+        return self.shows(effect, {"height": unit}, curve, there=there, here=problem, channels=self.channels)
+
+
+def goes_by_steps(effect: Effect) -> bool:
+    """Whether an effect acts at depth steps, and nowhere else."""
+    return effect.covariates == ("step",)
 
 
 def clearly_more(there: Float[np.ndarray, " s"], here: Float[np.ndarray, " t"]) -> bool:

@@ -24,6 +24,14 @@ def test_levels_are_read_off_the_frames():
     assert levels.range_step_m == 0
 
 
+def test_noise_that_is_the_same_for_all_is_told_where_dark_surfaces_alone_show_it():
+    """Of the darkest readings it is half of the noise, of all others next to nothing."""
+    levels = noise_levels(scan({"share": 0.15, "constant": 0.004})[0])
+    assert levels.intensity == pytest.approx(0.004, rel=0.15)
+    assert levels.intensity_share == pytest.approx(0.15, rel=0.1)
+    assert noise_levels(scan({"share": 0.15})[0]).intensity == 0
+
+
 @pytest.mark.parametrize("range_m", [0.01, 0.03, 0.08])
 def test_range_noise_alone_is_told_whatever_its_size(range_m):
     levels = noise_levels(scan({"range_m": range_m})[0])

@@ -156,6 +156,26 @@ def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch, curve_of)
     assert said.unasked == unasked.unasked == (("intensity", "range"),)
 
 
+@pytest.mark.parametrize(("name", "why"), [("mixed_pixels", EXCHANGED), ("beam_range_bias", "")])
+def test_exchanged_sides_are_asked_of_depth_steps_whatever_the_simulator(monkeypatch, name, why):
+    whole = problem()
+    sides = showing(why=EXCHANGED, all_curves=False)
+    monkeypatch.setattr(type(sides), "has", lambda self, step, there: True)
+    found = step(candidate(name, 9, "range"))
+    refused = []
+    monkeypatch.setattr(answer, "denied_without", lambda step, problem: "")
+    monkeypatch.setattr(answer, "shown_by", lambda step, problem, classes: "")
+
+    def choose(null, catalogue, *, refuse, log):
+        refused.append(refuse(found, null))
+        return Choice((), (), whole)
+
+    monkeypatch.setattr(answer, "choose", choose)
+    monkeypatch.setattr(answer, "decide", lambda null, choice, **_: answer.Answer("none", choice, None))
+    answer.name_effects(whole, [], [], exchanged=lambda: sides)
+    assert refused == [why]
+
+
 @pytest.mark.parametrize(("why", "verdict"), [(CONTROL, "none"), (EXCHANGED, "named")])
 def test_an_effect_that_says_less_than_what_the_simulator_lacks_by_itself_is_part_of_that(
     monkeypatch, curve_of, why, verdict

@@ -36,9 +36,9 @@ def read(frame, borders, rng, *, mixed, noise=NOISE):
     return np.where(there, between, range_m), intensity, kept
 
 
-def sides(*, mixed=(0.15, 0.15), loss=NOISE["loss"], own=0.0) -> Comparison:
-    """Streets with boxes; `mixed` of simulation and measurement, rays that the sensor loses, and the standard deviation
-    of what walls are brighter than the simulator knows, nats."""
+def sides(*, mixed=(0.15, 0.15), loss=NOISE["loss"], own=0.0, simulator=NOISE) -> Comparison:
+    """Streets with boxes; `mixed` of simulation and measurement, rays that the sensor loses, the standard deviation of
+    what walls are brighter than the simulator knows, nats, and the noise of the simulator."""
     rng = np.random.default_rng(5)
     images, more, measured = [], [], []
     for k in range(FRAMES):
@@ -49,7 +49,7 @@ def sides(*, mixed=(0.15, 0.15), loss=NOISE["loss"], own=0.0) -> Comparison:
         box &= frame["range"] > NEAR_M + 2
         borders = box & ~(np.roll(box, 1, 1) & np.roll(box, -1, 1))
         frame = frame | {"behind": frame["range"], "range": np.where(box, NEAR_M, frame["range"])}
-        range_m, intensity, kept = read(frame, borders, rng, mixed=mixed[0])
+        range_m, intensity, kept = read(frame, borders, rng, mixed=mixed[0], noise=simulator)
         images.append(PolarImage(range_m.astype("f4"), intensity.astype("f4"), kept))
         more.append({"semantic": frame["semantic"], "incidence": frame["incidence"].astype("f4")})
         brighter = np.exp(own * rng.normal(0, 1, 60))[(np.arange(480) // 8)][None]
@@ -149,6 +149,15 @@ def test_what_the_sensor_alone_mixes_is_its_own():
     exchanged, step = asked(sides(mixed=(0.0, 0.15)), "mixed_pixels")
     assert step.chosen.total > 10
     assert not exchanged.has(step, exchanged.null.problem)
+
+
+@pytest.mark.parametrize(("ours", "found"), [(0.15, True), (0.0, False)])
+def test_what_beams_meet_by_chance_is_asked_of_a_simulator_without_noise_too(ours, found):
+    """Crowns and fences, of which each side sees another draw."""
+    exchanged, step = asked(sides(mixed=(ours, 0.15), simulator={}), "mixed_pixels")
+    assert exchanged.channels.isdisjoint({"range"})
+    assert step.chosen.total > 10
+    assert exchanged.has(step, exchanged.null.problem) == found
 
 
 def test_rays_that_the_sensor_alone_loses_are_its_own():
