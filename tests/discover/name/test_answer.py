@@ -163,8 +163,10 @@ def test_exchanged_sides_are_asked_of_depth_steps_whatever_the_simulator(monkeyp
     monkeypatch.setattr(type(sides), "has", lambda self, step, there: True)
     found = step(candidate(name, 9, "range"))
     refused = []
+    # Nothing else speaks against either.
     monkeypatch.setattr(answer, "denied_without", lambda step, problem: "")
     monkeypatch.setattr(answer, "shown_by", lambda step, problem, classes: "")
+    monkeypatch.setattr(answer, "RULES", replace(answer.RULES, negligible=0.0))
 
     def choose(null, catalogue, *, refuse, log):
         refused.append(refuse(found, null))
