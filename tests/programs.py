@@ -22,10 +22,15 @@ TINY = [
     "--data.train=0-1", "--data.validation=2-2", *SMALL, "--optim.steps=2", "--optim.ema-start=1", "--run.name=tiny",
 ]  # fmt: skip
 """Flags of two steps of a training."""
-_OLDER = ("--xla_cpu_use_fusion_emitters=false",) if version("jaxlib").startswith(("0.10.", "0.11.0")) else ()
+_OLDER = (
+    ("--xla_cpu_use_fusion_emitters=false", "--xla_cpu_parallel_codegen_split_count=1")
+    if version("jaxlib").startswith(("0.10.", "0.11.0"))
+    else ()
+)
 QUICK = ("--xla_backend_optimization_level=1", *_OLDER)
 """What tests run is small: LLVM would work on it longer than it saves, and on what the newer emitters write longest.
-From 0.11.1 on there are no others, and a flag that XLA does not know ends the process."""
+Parts of a program that threads compile are more work together than the whole, and both workers have a core each.
+From 0.11.1 on there are no other emitters, and a flag that XLA does not know ends the process."""
 DEVICES = "--xla_force_host_platform_device_count"
 PATIENCE_S = 3600.0
 """The slowest program here takes two minutes on a quiet machine; a busy one may take thirty times as long."""
