@@ -7,23 +7,23 @@ import pytest
 
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.few_drives import ask_pieces, pieces_of, without_brightness
+from jaxsim.discover.model.cast import blocks
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
-from tests.discover.noisy_street import comparison, grid
-from tests.discover.toy import judged_toy
+from tests.discover.noisy_street import COLUMNS, ROWS, comparison, grid
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 ASKED = [EFFECTS[name] for name in ("sector_occlusion", "snr_dropout", "window_contamination")]
 NOISE = {"share": 0.03, "range_m": 0.01}
 
 
-def drive(lose=None, scenes: tuple[str, ...] = ("drive",), frames: int = 12) -> Comparison:
-    """Frames, of a single drive if nothing else is said, of which the sensor loses what `lose` says of azimuth,
+def drive(lose=None, scenes: tuple[str, ...] = ("drive",)) -> Comparison:
+    """Twelve frames, of a single drive if nothing else is said, of which the sensor loses what `lose` says of azimuth,
     elevation and simulated intensity."""
-    one = comparison({}, NOISE, frames)
+    one = comparison({}, NOISE, 12)
     at = grid()
     lost = np.zeros(one.measured.valid.shape, bool)
     if lose:
@@ -89,13 +89,12 @@ def test_several_drives_and_few_frames_have_no_pieces(monkeypatch):
         pytest.fail("asked")
 
     monkeypatch.setattr("jaxsim.discover.few_drives.choose", never)
-    # Each beside the null model of others: it is not looked at, and a fit of their own would take long.
-    null = judged_toy()[0]
-    for one in (
-        drive(hidden, tuple(f"drive {k}" for k in range(12))),
-        drive(hidden, frames=RULES.fewest_scenes - 1),
-    ):
-        sectors = NullModel(Division.of(one), SensorModel(), null)
+    monkeypatch.setattr(NullModel, "of", never)
+    for scenes in ([f"drive {k}" for k in range(12)], ["drive"] * (RULES.fewest_scenes - 1)):
+        # Of frames their drives and blocks alone are looked at: a fit of their own would take long.
+        division, sectors = object.__new__(Division), object.__new__(NullModel)
+        division.__dict__.update(blocks=blocks(scenes, ROWS, COLUMNS), scenes=tuple(scenes))
+        sectors.__dict__.update(division=division, known=SensorModel())
         assert not ask_pieces(sectors, ASKED, log=lambda line: None).effects
 
 
