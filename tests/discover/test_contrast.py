@@ -45,19 +45,31 @@ def nothing(null: NullModel) -> Choice:
     return Choice((), (), null.problem)
 
 
+@pytest.fixture(scope="module")
+def follows(standard_promotion) -> NullModel:
+    """Of a sensor that follows the simulator."""
+    return null_of(sides())
+
+
+@pytest.fixture(scope="module")
+def made_up(standard_promotion) -> tuple[NullModel, NullModel]:
+    """Of a simulator that makes something up; and with free contrast."""
+    of = sides(made_up=MADE_UP)
+    return null_of(of), null_of(of, free=True)
+
+
 @pytest.mark.long
-def test_a_sensor_that_follows_the_simulator_leaves_its_contrast_as_it_is():
-    null = null_of(sides())
+def test_a_sensor_that_follows_the_simulator_leaves_its_contrast_as_it_is(follows):
+    null = follows
     assert contrast_off(null, nothing(null)) is None
 
 
 @pytest.mark.long
-def test_what_a_simulator_makes_up_is_found_and_told_by_scale():
-    of = sides(made_up=MADE_UP)
-    null = null_of(of)
+def test_what_a_simulator_makes_up_is_found_and_told_by_scale(made_up):
+    null, free = made_up
     found = contrast_off(null, nothing(null))
     assert found is not None
-    told = contrast_of_answer(found, null_of(of, free=True).problem)
+    told = contrast_of_answer(found, free.problem)
     # Walls have a texture of their own, which the simulator knows, and the road has none: reliability, as errors in
     # variables have it.
     bright, dark = told.slopes["bright_surfaces"], told.slopes["dark_surfaces"]
@@ -69,8 +81,8 @@ def test_what_a_simulator_makes_up_is_found_and_told_by_scale():
 
 
 @pytest.mark.long
-def test_the_contrast_is_asked_beside_what_lets_rays_hit_something_else():
-    null = null_of(sides())
+def test_the_contrast_is_asked_beside_what_lets_rays_hit_something_else(follows):
+    null = follows
     turn = EFFECTS["extrinsic_rotation"]
     turned = in_place(null.problem, [(turn, to_z(turn, {"pitch_rad": np.float32(0.03)}, ROWS))])
     assert (np.asarray(turned.ev.rays.hit) != np.asarray(null.problem.ev.rays.hit)).any()
@@ -78,11 +90,10 @@ def test_the_contrast_is_asked_beside_what_lets_rays_hit_something_else():
 
 
 @pytest.mark.long
-def test_what_a_simulator_makes_up_is_no_gamma():
-    gamma = EFFECTS["gamma_response"]
-    of = sides(made_up=MADE_UP)
-    assert choose(null_of(of).problem, [gamma]).steps
-    assert not choose(null_of(of, free=True).problem, [gamma]).steps
+def test_what_a_simulator_makes_up_is_no_gamma(made_up):
+    gamma, (null, free) = EFFECTS["gamma_response"], made_up
+    assert choose(null.problem, [gamma]).steps
+    assert not choose(free.problem, [gamma]).steps
 
 
 @pytest.mark.long
