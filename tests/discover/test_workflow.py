@@ -38,6 +38,12 @@ def gains(tmp_path_factory, standard_promotion):
     return key, discover_folders(**both, effects=FEW, nulls=NULLS), folder
 
 
+@pytest.fixture(scope="module")
+def comparison(gains):
+    """Its frames, as they are read."""
+    return read_comparison(gains[2] / "simulated", gains[2] / "measured")
+
+
 def test_a_hidden_beam_gain_is_named_first(gains):
     key, result, _ = gains
     scored = score(key, result.verdict.to_json())
@@ -53,10 +59,9 @@ def test_nulls_of_these_data_gain_less_than_what_is_hidden(gains):
     assert gains[1].verdict.to_json()["nulls"]["answered"] == nulls.answered
 
 
-def test_the_rows_are_where_simulation_and_measurement_disagree(gains):
-    _, result, folder = gains
-    where = disagreements(read_comparison(folder / "simulated", folder / "measured"))
-    assert where == result.verdict.where
+def test_the_rows_are_where_simulation_and_measurement_disagree(gains, comparison):
+    where = disagreements(comparison)
+    assert where == gains[1].verdict.where
     assert (where[0].channel, where[0].covariate) == ("intensity", "row")
 
 
@@ -85,11 +90,9 @@ def test_what_moved_lists_noise_gain_and_reflectances(gains):
     assert after < before
 
 
-def test_with_the_answer_fed_back_there_is_nothing_more(gains):
-    _, first, folder = gains
-    again = discover_folders(
-        simulated=folder / "simulated", measured=folder / "measured", effects=FEW, known=first.sensor
-    )
+def test_with_the_answer_fed_back_there_is_nothing_more(gains, comparison):
+    first = gains[1]
+    again = discover(comparison, effects=FEW, known=first.sensor)
     assert again.verdict.verdict == "none"
     assert again.sensor == first.sensor
     assert any(note.startswith("beside what the sensor model already had: beam_gain,") for note in again.verdict.notes)
@@ -111,26 +114,31 @@ def test_the_verdict_is_plain_json(gains):
     assert len(content["effects"][0]["parameters"]["gain"]["value"]) == 24
 
 
-@pytest.mark.parametrize("effects", [FEW, pytest.param(tuple(EFFECTS), marks=pytest.mark.slow)], ids=["few", "all"])
-def test_where_nothing_is_hidden_nothing_is_named(tmp_path, standard_promotion, effects):
-    key = make_case(tmp_path / "case", effect="none", seed=12, **SMALL)
+# The few are asked of the frames in which tests/discover/repeats/test_examine.py hides something that repeats.
+@pytest.mark.parametrize(
+    ("effects", "severity"),
+    [(FEW, 1.0), pytest.param(tuple(EFFECTS), 2.0, marks=pytest.mark.slow)],
+    ids=["few", "all"],
+)
+def test_where_nothing_is_hidden_nothing_is_named(tmp_path, standard_promotion, effects, severity):
+    key = make_case(tmp_path / "case", effect="none", severity=severity, seed=12, **SMALL)
     result = discover_folders(
         simulated=tmp_path / "case" / "simulated", measured=tmp_path / "case" / "measured", effects=effects
     )
-    assert score(key, result.verdict.to_json())["right"]
+    verdict = result.verdict
+    assert score(key, verdict.to_json())["right"]
+    assert (verdict.repeats, verdict.learned, verdict.law) == ((), (), None)
     assert result.sensor.effects == ()
 
 
-def test_a_negative_number_of_nulls_is_refused(gains):
-    _, _, folder = gains
+def test_a_negative_number_of_nulls_is_refused(comparison):
     with pytest.raises(ValueError, match="nulls is -1; give how many to draw"):
-        discover_folders(simulated=folder / "simulated", measured=folder / "measured", nulls=-1)
+        discover(comparison, nulls=-1)
 
 
-def test_an_unknown_candidate_is_an_error_that_lists_the_known(gains):
-    _, _, folder = gains
+def test_an_unknown_candidate_is_an_error_that_lists_the_known(comparison):
     with pytest.raises(ValueError, match="no effect named 'beam_gian'; known: extrinsic_rotation"):
-        discover_folders(simulated=folder / "simulated", measured=folder / "measured", effects=("beam_gian",))
+        discover(comparison, effects=("beam_gian",))
 
 
 def simulate_anew(simulated: Path, out: Path, model: SensorModel) -> None:
@@ -145,12 +153,12 @@ def simulate_anew(simulated: Path, out: Path, model: SensorModel) -> None:
     write_grid(out, grid, frames=about)
 
 
-def test_gains_are_in_the_files_and_lost_rays_become_rays_without_a_surface(gains, tmp_path):
+def test_gains_are_in_the_files_and_lost_rays_become_rays_without_a_surface(gains, comparison, tmp_path):
     key, _, folder = gains
     gain = key.effects[0]["parameters"]["gain"]
     model = SensorModel((("beam_gain", {"gain": tuple(gain)}), ("random_dropout", {"probability": 0.3})))
     simulate_anew(folder / "simulated", tmp_path / "anew", model)
-    before = read_comparison(folder / "simulated", folder / "measured").scan
+    before = comparison.scan
     after = read_comparison(tmp_path / "anew", folder / "measured").scan
     both = before.hit & after.hit & (before.intensity > 0) & (after.intensity > 0) & (after.intensity < 1)
     assert not (after.hit & ~before.hit).any()

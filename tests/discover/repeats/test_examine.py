@@ -1,5 +1,5 @@
-"""The whole method where something repeats: *not in the catalogue*, added, gone when it is fed back; and where nothing
-does, *none*."""
+"""The whole method where something repeats: *not in the catalogue*, added, gone when it is fed back. Of the same frames
+without it, tests/discover/test_workflow.py asks."""
 
 from dataclasses import replace
 
@@ -82,12 +82,6 @@ def test_its_formula_becomes_an_effect_of_ones_own(answer, tmp_path, forgetful):
     own = known_effects([tmp_path / "ripple.py"])["ripple"]
     assert own.covariates == ("column",)
     assert own.starts[0]["period"] == COLUMNS / PERIODS
-
-
-def test_without_it_the_answer_is_none(plain):
-    verdict = discover(plain, effects=FEW).verdict
-    assert verdict.verdict == "none"
-    assert (verdict.repeats, verdict.learned, verdict.law) == ((), (), None)
 
 
 def test_other_maps_show_a_share_of_a_pattern_with_its_sign():
