@@ -13,6 +13,7 @@ from jaxsim.discover.ask import Asked
 from jaxsim.discover.complete import Completed
 from jaxsim.discover.contrast import contrast_of_answer
 from jaxsim.discover.explain import all_named, notes, nuisance_changes, own_candidates, ranking, why_not
+from jaxsim.discover.knocked import named_knock
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, made_by, missing
 from jaxsim.discover.model.fit import in_place
@@ -61,7 +62,7 @@ def show(asked: Asked, completed: Completed, *, every_frame: bool, log: Log) -> 
     every = None
     if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
-        held = HeldAnswer(found.null, added.chain, choice.problem.noise)
+        held = HeldAnswer(found.null, added.chain, choice.problem.noise, asked.placed.knock)
         every, maps = judge_rest(comparison, asked.placed.mounting, held) or (None, maps)
     return Shown(judged, levels, objects, sensitive, every, maps, judged_by_reported(found.null, added))
 
@@ -122,6 +123,9 @@ def result_of(
     of_mounting = named_mounting(placed.mounting, placed.division.parts, rows=len(grid.elevation_rad))
     verdict = with_placed(without_unconfirmed(verdict, shown.alone), placed.of_drive.effects, how=placed.of_drive.how)
     verdict = with_placed(verdict, *of_mounting, how=BY_RANGES)
+    if placed.knock:
+        sure, others, regimes = named_knock(placed.knock, placed.comparison, placed.division.parts)
+        verdict = with_placed(replace(verdict, regimes=(*regimes, *verdict.regimes)), sure, others, how=BY_RANGES)
     known = given.beside(control.mounting)
     sensor = sensor_of(verdict, added.sensor, known).without(control.mounting.without(given))
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.

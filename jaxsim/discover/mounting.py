@@ -80,7 +80,7 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     cast_again = replace(comparison, lattices=lattices_of(scan))
     if registered.early_or_late:
         # Frames' own places hold what the mounting is off by as well.
-        moved, told = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
+        moved, told = seen_from(scan, of_frames(registered.frames, rows=scan.range_m.shape[1]))
         again = replace(cast_again, scan=moved, told=told, between_unknown=True, as_read=scan)
         return Mounting((), again, known)
     # A mounting is that of all frames: what acts in a part of them alone stays with what else is known.
@@ -91,7 +91,7 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
         return Mounting((), comparison, known)
     # One mounting for all frames: what single frames differ by is noise of their registration.
     everywhere = np.repeat(registered.motion[None], len(scan.range_m), axis=0)
-    motion = {k: v for k, v in _of_frames(everywhere, rows=scan.range_m.shape[1]).items() if k in named}
+    motion = {k: v for k, v in of_frames(everywhere, rows=scan.range_m.shape[1]).items() if k in named}
     motion |= {name: _as_stated(name, known, scan) for name in stated}
     rest = replace(known, effects=tuple(pair for pair in known.effects if pair[0] not in stated))
     moved, told = seen_from(scan, motion)
@@ -147,7 +147,7 @@ def brought_back(exchanged: Comparison) -> Comparison:
     scan = jax.tree.map(np.asarray, exchanged.scan)
     slopes = [np.asarray(slopes_of(scan.grid, r, h)) for r, h in zip(scan.range_m, scan.hit, strict=True)]
     # The inverse of a motion to first order: of 3 m and half a degree 3 cm are left, which frames' own poses take up.
-    back = _of_frames(-registered.frames, rows=scan.range_m.shape[1])
+    back = of_frames(-registered.frames, rows=scan.range_m.shape[1])
     moved, told = seen_from(replace(scan, slopes=np.stack(slopes)), back)
     hit = np.asarray(was.hit)
     read = Measured(np.where(hit, was.range_m, 0), np.where(hit, was.intensity, 0), hit)
@@ -166,7 +166,7 @@ def _met(scan: Scan, index: RayIndex, effects: dict[str, dict[str, Array]]) -> d
     return {name: getattr(rays, name) for name in OF_SURFACE} | {"intensity": intensity, "told": told}
 
 
-def _of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> EffectValues:
+def of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> EffectValues:
     """Frames' motions as parameters of the effects of MOTION_PARTS."""
     # Beams are of the sensor: they cannot differ from frame to frame.
     lift = np.full(rows, np.median(motion[:, LIFT]))

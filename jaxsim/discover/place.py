@@ -1,7 +1,8 @@
 """Place: where the sensor stands, and what is left over once it stands there; naming begins with that.
 
-A mounting that is clearly off is put in place first, for nothing else can be asked across it; so is what is bound to
-directions of few drives, which their sectors cannot show. After each, what the null leaves is found again.
+A mounting that is clearly off is put in place first, for nothing else can be asked across it, be it in a part of the
+recording alone (`knocked`); so is what is bound to directions of few drives, which their sectors cannot show. After
+each, what the null leaves is found again.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass, replace
 from jaxsim.discover.division import Division
 from jaxsim.discover.few_drives import OfPieces, ask_pieces
 from jaxsim.discover.find import Dependences, find_dependences
+from jaxsim.discover.knocked import Knock, find_knock
 from jaxsim.discover.mounting import Mounting, place_mounting, refine_lift
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.read import Comparison
@@ -30,6 +32,8 @@ class Placed:
     """The effects that are yet to be asked."""
     of_drive: OfPieces
     """What pieces of few drives named."""
+    knock: Knock | None = None
+    """Where the sensor stands in a part of the recording; that is in place."""
 
     @property
     def comparison(self) -> Comparison:
@@ -56,6 +60,12 @@ def place(comparison: Comparison, catalogue: Sequence[Effect], known: SensorMode
     division = Division.of(mounting.comparison)
     parts = division.parts
     log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
+    knock = find_knock(mounting.comparison, [effect.name for effect in catalogue], parts)
+    if knock:
+        log(f"in a part of the recording the sensor stands otherwise: {', '.join(knock.effects)}")
+        mounting = replace(mounting, comparison=knock.brought(mounting.comparison))
+        catalogue = [effect for effect in catalogue if effect.name not in knock.effects]
+        division = Division.of(mounting.comparison)
     found = find_dependences(division, mounting.known)
     finer = refine_lift(comparison, mounting, found.null.problem, known=known)
     # What the null says rests on where the sensor stands: it is asked again from there.
@@ -67,4 +77,4 @@ def place(comparison: Comparison, catalogue: Sequence[Effect], known: SensorMode
         mounting = replace(mounting, known=of_drive.known)
         catalogue = [effect for effect in catalogue if effect.name not in dict(mounting.known.effects)]
         found = find_dependences(found.null.division, mounting.known)
-    return Placed(mounting, found, tuple(catalogue), of_drive)
+    return Placed(mounting, found, tuple(catalogue), of_drive, knock)

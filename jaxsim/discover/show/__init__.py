@@ -236,4 +236,6 @@ def sensor_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> Senso
     if effects == added.effects:
         return added
     regions = {name: region for name, region in added.regions.items() if name not in lost}
+    # A mounting of a part of the recording stands in those frames.
+    regions |= {one.effect: one.where for one in verdict.regimes if one.effect in dict(mounting)}
     return replace(added, effects=effects, regions=regions)

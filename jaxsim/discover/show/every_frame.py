@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.division import AllScenes, Division, NullModel
+from jaxsim.discover.knocked import Knock
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Chain
@@ -61,6 +62,8 @@ class HeldAnswer(NamedTuple):
     """Of the frames that were read, whose find scenes stay in every block."""
     chain: Chain
     noise: Noise
+    knock: Knock | None = None
+    """Where the sensor stands in a part of the recording."""
 
 
 @by_small_steps
@@ -116,6 +119,7 @@ def block_of(
     padded = [*names, *[names[-1]] * (size - len(names))]
     # Their registration is that of the frames that were read, and they are brought as these were.
     part = place_mounting(read_part(rest, padded, like=comparison), mounting.effects, by.null.known).comparison
+    part = by.knock.brought(part) if by.knock else part
     old = by.null.division
     is_find, _ = old.blocks_of(old.parts.find)
     # Columns from other starts in each block.

@@ -52,9 +52,11 @@ DERIVATIVE_STEP = 0.25
 FREE_PRECISION = 1e-4
 """Precision of the overall gain, and of the size of a start's column: next to free."""
 GROUND = 0
-"""A kind of surface, with the next two."""
+"""Kind of a level surface near the ground's height, ..."""
 UPRIGHT = 1
+"""... of a steep one, ..."""
 OTHER = 2
+"""... and of all else."""
 KINDS = (GROUND, UPRIGHT, OTHER)
 GROUND_PATCH_M = 4.0
 """Size of the cells of ground over which surfaces have a level of their own."""
