@@ -135,8 +135,8 @@ def _divided(
             k, p = apart(z[find], whole[enough][:, find])
             # A cut lies anywhere between two find scenes: that one which all scenes bear out best.
             same = enough[(whole[enough][:, find] == whole[enough[k], find]).all(1)]
-            best = max(same.tolist(), key=lambda one: _far(z[whole[one]].mean(0) - z[~whole[one]].mean(0)))
-            yield question, best, p
+            between = [_far(z[whole[one]].mean(0) - z[~whole[one]].mean(0)) for one in same]
+            yield question, int(same[np.argmax(between)]), p
 
 
 def apart(z: Float[np.ndarray, "n m"], whole: Bool[np.ndarray, "k n"]) -> tuple[int, float]:

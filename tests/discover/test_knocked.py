@@ -8,6 +8,7 @@ import pytest
 from jaxsim.discover.knocked import OF_POSE, apart, find_knock, named_knock
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.scenes import split_scenes
+from jaxsim.discover.verdict import Interval
 from jaxsim.effects.region import Region
 from jaxsim.effects.scan import scan_of
 from tests.discover.rooms import GRID, measured_of, registered, rooms, seen
@@ -64,6 +65,7 @@ def test_it_is_named_with_its_regime(pitched):
     assert not unsure
     assert turn.name == regime.effect == "extrinsic_rotation"
     pitch = turn.parameters["pitch_rad"]
+    assert isinstance(pitch, Interval)
     assert pitch.low < 0.009 < pitch.high
     assert turn.gain.value == pytest.approx(0.5 * 9**2, rel=0.15)
     assert regime.inside.low < 1 < regime.inside.high

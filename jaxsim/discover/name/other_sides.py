@@ -45,7 +45,7 @@ from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, dealt
-from jaxsim.effects import Effect, Law
+from jaxsim.effects import Law
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
 
@@ -146,7 +146,7 @@ class OtherSides:
         return self.shows(effect, {"height": unit}, curve, there=there, here=problem, channels=self.channels)
 
 
-def goes_by_steps(effect: Effect) -> bool:
+def goes_by_steps(effect: Law) -> bool:
     """Whether an effect acts at depth steps, and nowhere else."""
     return effect.covariates == ("step",)
 
