@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.fit import Fit, Problem, on_top
-from jaxsim.discover.name.answer import Answer, named_answer, outdone
+from jaxsim.discover.name.answer import Answer, named_answer, outdone, stands
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
@@ -174,8 +174,9 @@ def find_regimes(
             # They are dear to make, and mostly nobody asks them.
             judge_scenes = judge_scenes or JudgeScenes.of(AllScenes.of(model))
             trial = _with(null, choice, sized.confined.step, at=lead.step)
-            # The free curve for which nothing was named may explain clearly more than an effect in a part, too.
-            curve = answer.curve if lead.step is None else None
+            # The free curve for which nothing was named may explain clearly more of a channel than an effect in a part,
+            # too; what that says in other channels stands.
+            curve = answer.curve if lead.step is None and not stands_beside(answer, sized) else None
             if curve and outdone(trial, *curve, numbers=curve_numbers(null, curve[0])):
                 continue
             confined, gained = judge_scenes.gained(sized.confined, trial, choice, facts=facts)
@@ -191,6 +192,11 @@ def find_regimes(
     told = {name: getattr(named, name) for name in ("verdict", "choice", "unexplained", "curve")}
     # What else the answer knows (nulls, what was found and is not said) holds of the parts as well.
     return Divided(replace(answer, **told), tuple(regimes))
+
+
+def stands_beside(answer: Answer, sized: Sized) -> bool:
+    """Whether an effect in its region stays named whatever the answer's free curve explains, if it has one."""
+    return answer.curve is None or stands(sized.confined.step, answer.curve[0].channel)
 
 
 def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:

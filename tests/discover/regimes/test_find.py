@@ -11,10 +11,15 @@ import pytest
 from benchmarks.blind.hidden import make_case
 from benchmarks.blind.regimes import cells, cells_of, f1
 from jaxsim.discover import discover_folders
+from jaxsim.discover.covariates import Dependence
+from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.select import Choice
 from jaxsim.discover.regimes import find as regimes
+from jaxsim.discover.regimes.confine import Confined
+from jaxsim.discover.verdict import Interval
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.discovery import write_report
-from tests.discover.name.made import candidate
+from tests.discover.name.made import candidate, problem, step
 
 pytestmark = pytest.mark.long
 
@@ -101,3 +106,21 @@ def test_an_effect_that_is_everywhere_has_no_regime(tmp_path, standard_promotion
     _, result, _ = answered(tmp_path / "case", "beam_gain", "everywhere", 23, 12, ("beam_gain", "range_falloff"))
     assert [one.name for one in result.verdict.effects] == ["beam_gain"]
     assert result.verdict.regimes == ()
+
+
+def test_an_effect_in_a_part_stands_beside_a_curve_of_another_channel():
+    """Rain of some drives returns rays early; what it does to intensities is the curve's, and no reason to say none."""
+
+    def stands(channel):
+        confined = object.__new__(Confined)
+        object.__setattr__(confined, "step", step(candidate("precipitation_clutter", 30, channel)))
+        sized = regimes.Sized(confined, Interval.exact(1.0, ""), Interval.exact(0.0, ""))
+        return regimes.stands_beside(found, sized)
+
+    nothing = Choice((), (), problem())
+    along = Dependence("intensity", "intensity", 0.01, 0.1, 50.0)
+    found = Answer("not_in_catalogue", nothing, None, curve=(along, candidate("curve", 3)))
+    assert stands("range")
+    assert not stands("intensity")
+    found = Answer("none", nothing, None)
+    assert stands("intensity")
