@@ -53,9 +53,9 @@ class UnpairedRules:
     """... and lies no higher than this above the median of it (a judgement, not calibrated) ..."""
     unpaired_upright_rise: float = 0.5
     """... what is steeper than this is upright, and all else a kind of its own (a convention: 60 degrees)."""
-    unpaired_kind_least_share: float = 0.1
-    """What is left without a kind of surface is asked whether it shows an effect, too, from this share of the rays on
-    (a judgement, not calibrated)."""
+    unpaired_least_besides: float = 0.1
+    """Share of the rays that must meet something besides the ground for that to be asked whether it shows an effect (a
+    judgement, not calibrated)."""
 
     # Readings that the law is learned from.
     unpaired_held_sd: float = 3.0

@@ -5,7 +5,7 @@ read           the rays of two folders, with covariates that a range image alone
 law, columns   the law of a reading in normal equations; its columns, and those of effects
 conditional    ln I given what both range images say, and the terms that may stand for an effect
 held_out       what a term gains on scenes that its fit has not seen
-each_kind      whether one kind of surface alone shows it
+besides_ground whether more than the ground shows it
 select, refine which effect the measured side has; its parameters
 lost           lost rays, and lattices
 

@@ -22,8 +22,8 @@ from jaxsim.discover.name.select import Selection, Step, worse
 from jaxsim.discover.name.unexplained import X_WORDS, shape_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
+from jaxsim.discover.unpaired.besides_ground import shown_by_ground_alone
 from jaxsim.discover.unpaired.conditional import Conditional, Term
-from jaxsim.discover.unpaired.each_kind import shown_alone_by
 from jaxsim.discover.unpaired.held_out import held_out
 from jaxsim.discover.unpaired.law import lowered
 from jaxsim.discover.unpaired.refine import beside
@@ -48,8 +48,8 @@ class UnpairedCandidate:
     """Probability that exchanged scenes reach as much with any candidate."""
     by_scene: Float[np.ndarray, " f"]
     """Held-out nats of each find scene."""
-    alone: str = ""
-    """The kind of surface that alone shows it, in words; empty where others do or nobody asked."""
+    of_ground: bool = False
+    """Whether the ground alone shows it; of those that nobody asked it is not said."""
 
     @property
     def effect(self) -> Any:
@@ -73,12 +73,12 @@ class UnpairedCandidate:
 
     @property
     def accepted(self) -> bool:
-        """Whether it passes both tests, and more than one kind of surface shows it."""
+        """Whether it passes both tests, and more than the ground shows it."""
         return (
             self.chance <= RULES.unpaired_level
             and self.total > 0
             and self.agreement <= RULES.unpaired_agreement_level
-            and not self.alone
+            and not self.of_ground
         )
 
 
@@ -88,7 +88,7 @@ UnpairedChoice = Selection[UnpairedCandidate]
 
 def choose_unpaired(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> UnpairedChoice:
     """Adds the best accepted effect, and again beside what was added, until none is accepted or the best is shown by
-    one kind of surface alone: what is no effect would be named as its next of kin."""
+    the ground alone: what is no effect would be named as its next of kin."""
     steps: list[Step[UnpairedCandidate]] = []
     rest = list(problem.terms)
     left = problem
@@ -99,8 +99,8 @@ def choose_unpaired(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Un
         if not good or len(steps) == RULES.unpaired_most_effects:
             return UnpairedChoice(tuple(steps), tuple(ranking))
         best = good[0]
-        if alone := shown_alone_by(left, best.term):
-            last = (replace(one, alone=alone) if one is best else one for one in ranking)
+        if shown_by_ground_alone(left, best.term):
+            last = (replace(one, of_ground=one is best) for one in ranking)
             return UnpairedChoice(tuple(steps), tuple(last))
         alike = tuple(candidate for candidate in ranking if candidate is not best and _alike(candidate, best))
         steps.append(Step(best, alike, tuple(ranking)))
@@ -157,7 +157,7 @@ def outside_catalogue(
     good = [curve for curve in curves if curve.accepted and curve.name in CURVES_ALONG]
     best = max(choice.steps[0].chosen.total, strongest_nats) if choice.steps else 0.0
     enough = RULES.unpaired_curve_factor * best + RULES.curve_margin_nats
-    if good and good[0].total > enough and not shown_alone_by(problem, good[0].term):
+    if good and good[0].total > enough and not shown_by_ground_alone(problem, good[0].term):
         return _described(problem, good[0])
     return None
 

@@ -219,8 +219,8 @@ def why_not_unpaired(candidate: UnpairedCandidate, choice: UnpairedChoice) -> st
         return ""
     if first and candidate.name in {look_alike.name for look_alike in first.alike}:
         return "these data cannot tell it from the one that is named"
-    if candidate.alone:
-        return f"{candidate.alone} alone would show it: on the two sides these may be of other materials"
+    if candidate.of_ground:
+        return "the ground alone shows it, which may be of another material on the two sides"
     if candidate.accepted:
         return "it explains clearly less than the one that is named"
     if candidate.chance <= RULES.unpaired_level:

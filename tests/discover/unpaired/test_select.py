@@ -33,14 +33,14 @@ def curve(name: str, gain: float):
 
 def test_a_curve_must_gain_clearly_more_than_the_best_effect(monkeypatch):
     monkeypatch.setattr(select, "_described", lambda problem, one: Unexplained("intensity", one.name, "other", ""))
-    monkeypatch.setattr(select, "shown_alone_by", lambda problem, term: "")
+    monkeypatch.setattr(select, "shown_by_ground_alone", lambda problem, term: False)
     best = candidate("beam_gain", 3.0)
     choice = UnpairedChoice((Step(best, (), (best,)),), ())
     problem = object.__new__(select.Conditional)
     assert select.outside_catalogue(problem, choice, [curve("range", 5.5)], strongest_nats=1.0).covariate == "range"
     assert select.outside_catalogue(problem, choice, [curve("range", 4.0)], strongest_nats=1.0) is None
     assert select.outside_catalogue(problem, choice, [curve("range", 5.5)], strongest_nats=50.0) is None
-    monkeypatch.setattr(select, "shown_alone_by", lambda problem, term: "the ground")
+    monkeypatch.setattr(select, "shown_by_ground_alone", lambda problem, term: True)
     assert select.outside_catalogue(problem, choice, [curve("range", 5.5)], strongest_nats=1.0) is None
 
 
@@ -57,7 +57,7 @@ def test_what_gains_little_beside_the_first_effect_is_left_of_its_law(monkeypatc
     object.__setattr__(problem, "terms", tuple(one.term for step in of_steps.values() for one in step))
     draws = np.zeros((1, 1))
     monkeypatch.setattr(select, "beside", lambda problem, chosen: problem)
-    monkeypatch.setattr(select, "shown_alone_by", lambda problem, term: "")
+    monkeypatch.setattr(select, "shown_by_ground_alone", lambda problem, term: False)
     monkeypatch.setattr(select, "rank_terms", lambda left, rest, draws: of_steps[2 - len(rest)])
     chosen = choose_unpaired(problem, draws)
     assert [step.chosen.name for step in chosen.steps] == ["near_range_overlap"]
@@ -67,13 +67,13 @@ def test_what_gains_little_beside_the_first_effect_is_left_of_its_law(monkeypatc
     assert [step.chosen.name for step in chosen.steps] == ["near_range_overlap", "range_falloff"]
 
 
-def test_what_one_kind_of_surface_alone_shows_is_not_named_nor_the_next_best_in_its_place(monkeypatch):
+def test_what_the_ground_alone_shows_is_not_named_nor_the_next_best_in_its_place(monkeypatch):
     ranked = [candidate("near_range_overlap", 4.0), candidate("range_falloff", 3.0)]
     problem = object.__new__(select.Conditional)
     object.__setattr__(problem, "terms", tuple(one.term for one in ranked))
     monkeypatch.setattr(select, "rank_terms", lambda left, rest, draws: ranked)
-    monkeypatch.setattr(select, "shown_alone_by", lambda problem, term: "the ground")
+    monkeypatch.setattr(select, "shown_by_ground_alone", lambda problem, term: True)
     choice = choose_unpaired(problem, np.zeros((1, 1)))
     assert choice.steps == ()
-    assert [one.alone for one in choice.last] == ["the ground", ""]
-    assert why_not_unpaired(choice.last[0], choice).startswith("the ground alone would show it")
+    assert [one.of_ground for one in choice.last] == [True, False]
+    assert why_not_unpaired(choice.last[0], choice).startswith("the ground alone shows it")

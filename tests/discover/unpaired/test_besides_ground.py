@@ -1,13 +1,13 @@
-"""Whether a term is the sensor's, whose effects all surfaces show, or one kind's of surface alone."""
+"""Whether a term is the sensor's, whose effects all surfaces show, or the ground's alone."""
 
 import numpy as np
 import pytest
 
 from benchmarks.blind.hidden.streets import make_unpaired
-from jaxsim.discover.unpaired import each_kind
+from jaxsim.discover.unpaired import besides_ground
+from jaxsim.discover.unpaired.besides_ground import shown_by_ground_alone
 from jaxsim.discover.unpaired.columns import GROUND, UPRIGHT, kinds
 from jaxsim.discover.unpaired.conditional import compare
-from jaxsim.discover.unpaired.each_kind import shown_alone_by
 from jaxsim.discover.unpaired.law import exchanged
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.workflow import divide
@@ -30,20 +30,19 @@ def nothing(tmp_path_factory, standard_promotion):
     return problem, term
 
 
-def test_a_sensors_effect_is_shown_by_every_kind_of_surface(nothing):
+def test_a_sensors_effect_is_shown_by_more_than_the_ground(nothing):
     problem, term = nothing
-    assert shown_alone_by(moved(problem, term.columns.columns[:, 0]), term) == ""
+    assert not shown_by_ground_alone(moved(problem, term.columns.columns[:, 0]), term)
 
 
-@pytest.mark.parametrize(("kind", "word"), [(GROUND, "the ground"), (UPRIGHT, "upright surfaces")])
-def test_what_is_of_one_kind_alone_is_told_by_its_name(nothing, kind, word):
+@pytest.mark.parametrize(("kind", "alone"), [(GROUND, True), (UPRIGHT, False)])
+def test_what_is_of_the_ground_alone_is_told(nothing, kind, alone):
     problem, term = nothing
     of_kind = kinds(problem.comparison) == kind
-    assert shown_alone_by(moved(problem, term.columns.columns[:, 0] * of_kind), term) == word
+    assert shown_by_ground_alone(moved(problem, term.columns.columns[:, 0] * of_kind), term) == alone
 
 
 def test_where_there_is_nothing_else_nobody_is_asked(nothing, monkeypatch):
     problem, term = nothing
-    monkeypatch.setattr(each_kind, "kinds", lambda comparison: np.full(len(comparison.scene), GROUND))
-    # Without the upright surfaces, of which there are none, all rays are left, and nothing is hidden from them.
-    assert shown_alone_by(moved(problem, term.columns.columns[:, 0]), term) == ""
+    monkeypatch.setattr(besides_ground, "kinds", lambda comparison: np.full(len(comparison.scene), GROUND))
+    assert not shown_by_ground_alone(moved(problem, term.columns.columns[:, 0]), term)

@@ -1,8 +1,8 @@
-"""What one kind of surface alone shows, and the others do not: something of these streets, and nothing of the sensor.
+"""What the ground alone shows, and nothing else does: something of these streets, and nothing of the sensor.
 
-Close to the sensor there is little but road, and far away little but walls. Where the roads of one side are darker than
-those of the other, readings look as if the sensor saw less close by. But a sensor does the same to every surface: with
-the ground left out an effect must gain something still, and so it must without what is upright.
+Close to the sensor there is little but road. Where the roads of one side are darker than those of the other, readings
+look as if the sensor saw less close by. But a sensor does the same to every surface: with the ground left out an effect
+must gain something still. Of the ground alone that cannot be asked, for along it range and angle go together.
 """
 
 from __future__ import annotations
@@ -14,23 +14,17 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
-from jaxsim.discover.unpaired.columns import GROUND, UPRIGHT, kinds
+from jaxsim.discover.unpaired.columns import GROUND, kinds
 from jaxsim.discover.unpaired.conditional import Conditional, Term
 from jaxsim.discover.unpaired.held_out import held_out
 from jaxsim.discover.unpaired.law import Block, RandomEffects, equations
 
-WORDS = {GROUND: "the ground", UPRIGHT: "upright surfaces"}
 
-
-def shown_alone_by(problem: Conditional, term: Term) -> str:
-    """The kind of surface without which a term gains nothing on held-out scenes, in words; empty where there is none.
-    What is left when a kind is nearly all that there is says nothing, and is not asked."""
-    kind = kinds(problem.comparison)
-    for number, word in WORDS.items():
-        rest = kind != number
-        if rest.mean() >= RULES.unpaired_kind_least_share and clipped(gained(problem, term, rest)).sum() <= 0:
-            return word
-    return ""
+def shown_by_ground_alone(problem: Conditional, term: Term) -> bool:
+    """Whether a term gains nothing on held-out scenes without the ground. Where next to nothing else is there, that is
+    not asked."""
+    rest = kinds(problem.comparison) != GROUND
+    return float(rest.mean()) >= RULES.unpaired_least_besides and float(clipped(gained(problem, term, rest)).sum()) <= 0
 
 
 def gained(problem: Conditional, term: Term, rest: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " f"]:
