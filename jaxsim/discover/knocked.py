@@ -19,11 +19,11 @@ from jaxtyping import Bool, Float
 from jaxsim.discover.model.cast import sectors_a_drive
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.noise_levels import lattices_of
-from jaxsim.discover.mounting import gains, of_frames, seen_from
+from jaxsim.discover.mounting import gains, of_frames, parameters, seen_from
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.read.motion import register
-from jaxsim.discover.read.registration import MOTION_PARTS, POSE, Registration, as_effects
+from jaxsim.discover.read.registration import MOTION_PARTS, POSE, Registration, least_motion
 from jaxsim.discover.regimes.chance import false_discovery_rates
 from jaxsim.discover.regimes.confine import frames_in
 from jaxsim.discover.regimes.find import OF_FIT
@@ -31,7 +31,6 @@ from jaxsim.discover.regimes.questions import Facts, Question, questions
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, chance_of, clipped, orders_of
 from jaxsim.discover.verdict import Interval, Named, Regime
-from jaxsim.effects import EFFECTS
 from jaxsim.effects.region import Region
 from jaxsim.metrics.intervals import mean_interval
 
@@ -48,10 +47,8 @@ class Knock:
     """time or tag."""
     effects: tuple[str, ...]
     """Names of those of OF_POSE that there is surely more of than a frame's own pose."""
-    motion: Float[np.ndarray, " 8"]
-    """As the find scenes inside are registered, for themselves: among all they are pulled to the mean of all."""
-    half: Float[np.ndarray, " 8"]
-    """Half width of its interval."""
+    registered: Registration
+    """Of the find scenes inside, for themselves: among all they are pulled to the mean of all."""
     p_value: float
     q_value: float
 
@@ -62,7 +59,7 @@ class Knock:
     def brought(self, comparison: Comparison) -> Comparison:
         """The comparison with the simulated frames inside as seen from where the sensor stood."""
         scan = comparison.scan
-        motion = np.where(self.inside(comparison)[:, None], self.motion, 0.0)
+        motion = np.where(self.inside(comparison)[:, None], self.registered.motion, 0.0)
         effects = {name: v for name, v in of_frames(motion, rows=scan.range_m.shape[1]).items() if name in self.effects}
         moved, told = seen_from(scan, effects)
         return replace(comparison, scan=moved, told=told, between_unknown=True, lattices=lattices_of(scan))
@@ -81,8 +78,7 @@ def find_knock(comparison: Comparison, candidates: Collection[str], parts: Split
     # Sectors divide no pose.
     asked = [question for question in questions(facts) if question.divides != "azimuth"]
     names = np.array(list(dict.fromkeys(comparison.scenes)))
-    scene = np.array([names.tolist().index(name) for name in comparison.scenes])
-    poses = np.stack([np.median(registered.frames[scene == k], axis=0) for k in range(len(names))])
+    poses = np.stack([np.median(registered.frames[facts.scene == n], axis=0) for n in range(len(names))])
     found = list(_divided(asked, poses, facts=facts, find=np.isin(names, parts.find)))
     if not found:
         return None
@@ -96,16 +92,15 @@ def find_knock(comparison: Comparison, candidates: Collection[str], parts: Split
     learn = np.isin(comparison.scenes, names[inside & np.isin(names, parts.find)])
     there = _registered(comparison, learn)
     outside = np.median(poses[~inside], axis=0)
-    least = {"extrinsic_translation": RULES.moved_m, "extrinsic_rotation": RULES.turned_rad}
     # Off on both sides of a moment it is no knock of a sensor that stood right.
     effects = tuple(
         name
         for name in OF_POSE
-        if name in candidates and name in there.sure and _far(outside[MOTION_PARTS[name]]) <= least[name]
+        if name in candidates and name in there.sure and _far(outside[MOTION_PARTS[name]]) <= least_motion(name)
     )
     if not effects:
         return None
-    return Knock(question.regions[k], question.divides, effects, there.motion, there.half, p, float(rates[best]))
+    return Knock(question.regions[k], question.divides, effects, there, p, float(rates[best]))
 
 
 def _registered(comparison: Comparison, frames: Bool[np.ndarray, " f"]) -> Registration:
@@ -178,15 +173,9 @@ def named_knock(
     for name in knock.effects:
         part = MOTION_PARTS[name]
         on_find, on_judge = gains(registered.frames[held], part, scenes=inside, parts=there)
-        values = {
-            key: Interval.about(float(value), half, "").within(EFFECTS[name].parameters[key])
-            for (key, value), half in zip(
-                as_effects(knock.motion)[name].items(), knock.half[part].tolist(), strict=True
-            )
-        }
         gain = clipped(on_find)
         nats = Interval.of_scenes(gain, "nats per scene inside")
-        effect = Named.alone(name, knock.p_value, nats, parameters=values)
+        effect = Named.alone(name, knock.p_value, nats, parameters=parameters(knock.registered, name))
         judged = float(on_judge.mean()) if len(on_judge) else 0.0
         if gain.sum() <= RULES.bar_nats or judged <= 0:
             unconfirmed.append(effect)

@@ -45,23 +45,21 @@ def off_m(one: Comparison) -> np.ndarray:
 
 
 def test_a_sensor_that_was_knocked_is_put_in_place_from_that_moment_on(pitched):
-    given = pitched
-    knock = find_knock(given, OF_POSE, PARTS)
+    knock = find_knock(pitched, OF_POSE, PARTS)
     assert knock is not None
     assert (knock.effects, knock.divides) == (("extrinsic_rotation",), "time")
     assert knock.where == Region(time_s=(5100.0, None))
-    assert knock.motion[4] == pytest.approx(0.009, abs=0.0005)
-    brought = knock.brought(given)
-    assert off_m(given)[KNOCKED].min() > 0.02
+    assert knock.registered.motion[4] == pytest.approx(0.009, abs=0.0005)
+    brought = knock.brought(pitched)
+    assert off_m(pitched)[KNOCKED].min() > 0.02
     assert off_m(brought)[KNOCKED].max() < 0.02
-    np.testing.assert_array_equal(brought.scan.range_m[~KNOCKED], given.scan.range_m[~KNOCKED])
+    np.testing.assert_array_equal(brought.scan.range_m[~KNOCKED], pitched.scan.range_m[~KNOCKED])
 
 
 def test_it_is_named_with_its_regime(pitched):
-    given = pitched
-    knock = find_knock(given, OF_POSE, PARTS)
+    knock = find_knock(pitched, OF_POSE, PARTS)
     assert knock is not None
-    (turn,), unsure, (regime,) = named_knock(knock, knock.brought(given), PARTS)
+    (turn,), unsure, (regime,) = named_knock(knock, knock.brought(pitched), PARTS)
     assert not unsure
     assert turn.name == regime.effect == "extrinsic_rotation"
     pitch = turn.parameters["pitch_rad"]
@@ -80,7 +78,7 @@ def test_frames_of_a_tag_may_stand_otherwise():
     knock = find_knock(drives((0.2, 0, 0, 0, 0, 0), tagged=tagged), OF_POSE, PARTS)
     assert knock is not None
     assert (knock.effects, knock.divides, knock.where) == (("extrinsic_translation",), "tag", Region(tag="rain"))
-    assert knock.motion[0] == pytest.approx(0.2, abs=0.03)
+    assert knock.registered.motion[0] == pytest.approx(0.2, abs=0.03)
 
 
 @pytest.mark.parametrize(

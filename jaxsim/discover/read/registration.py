@@ -39,6 +39,12 @@ MOTION_PARTS = {
 """Parts of a motion: what each effect of a mounting, or of the table of beams, changes."""
 
 
+def least_motion(effect: str) -> float:
+    """Gives the size of a motion, m or rad, up to which the effect's part of it is none of a mounting."""
+    least = {"extrinsic_translation": RULES.moved_m, "extrinsic_rotation": RULES.turned_rad}
+    return least.get(effect, RULES.lifted_rad)
+
+
 EffectValues = Mapping[str, Mapping[str, Float[np.ndarray, "*k"] | np.floating]]
 """Values of effects' parameters."""
 
@@ -247,11 +253,10 @@ class Registration:
     def sure(self) -> tuple[str, ...]:
         """The effects of MOTION_PARTS of which the scenes agree that there is more than a frame's own pose, or noise,
         would make."""
-        least = {"extrinsic_translation": RULES.moved_m, "extrinsic_rotation": RULES.turned_rad}
         return tuple(
             name
             for name, part in MOTION_PARTS.items()
-            if np.linalg.norm(self.motion[part]) - np.linalg.norm(self.half[part]) > least.get(name, RULES.lifted_rad)
+            if np.linalg.norm(self.motion[part]) - np.linalg.norm(self.half[part]) > least_motion(name)
         )
 
     def __str__(self) -> str:
