@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind.hidden import case_name, key_path, make_case, score_case
+from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import code_version, run_cases
 from benchmarks.blind.tables import rate
@@ -47,20 +48,21 @@ Row = dict[str, Any]
 
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
-    settings = {"sealed": args.sealed, "scenes": 16, "regimes": True}
+    settings = {"sealed": args.sealed, "scenes": 16, "regimes": True, "simulator": args.simulator}
     enable_compilation_cache()
     about = {"settings": settings, "folder": args.out / "cases", "catalogue": args.effects}
     cases = {
-        job.key: partial(answer, effect, part, job, **about) for effect, part, job in plan(args.repeats, args.severity)
+        job.key: partial(answer, effect, part, job, **about)
+        for effect, part, job in plan(range(args.first, args.first + args.repeats), args.severity)
     }
     run_cases(args.out, cases, summary=summary, settings=settings, most=args.most)
 
 
-def plan(repeats: int, severity: float) -> list[tuple[str, str, Job]]:
+def plan(numbers: Sequence[int], severity: float) -> list[tuple[str, str, Job]]:
     """Effect, part and case; each effect with each part once before any twice, no two neighbours with the same."""
     return [
         (effect, part, Job(f"{effect} in {part}", severity, "default", repeat))
-        for repeat in range(repeats)
+        for repeat in numbers
         for shift in range(len(HIDDEN))
         for effect, part in zip(HIDDEN, PARTS[shift:] + PARTS[:shift], strict=True)
     ]
@@ -72,7 +74,7 @@ def answer(effect: str, part: str, job: Job, *, settings: Row, folder: Path, cat
     shutil.rmtree(case, ignore_errors=True)
     key_path(case).unlink(missing_ok=True)
     seed = job.seed(sealed=settings["sealed"])
-    make_case(case, effect=effect, severity=job.severity, seed=seed, part=part)
+    make_case(case, effect=effect, severity=job.severity, seed=seed, part=part, simulator=settings["simulator"])
     begun = time.process_time()
     comparison = read_comparison(case / "simulated", case / "measured")
     result = discover(comparison, effects=catalogue or None)
@@ -218,6 +220,8 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--sealed", action="store_true", help="the sealed cases instead of the development ones")
     parser.add_argument("--severity", type=float, default=8.0)
     parser.add_argument("--repeats", type=int, default=1, help="of each effect in each part")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of each, for cases never asked")
+    parser.add_argument("--simulator", choices=SIMULATORS, default="ideal", help="errors of the simulated side")
     parser.add_argument("--effects", nargs="*", choices=EFFECTS, default=[], help="candidates, all if none is given")
     parser.add_argument("--most", type=int, default=None, help="stop after so many new cases")
     return parser.parse_args(argv)

@@ -48,31 +48,36 @@ def best_region(question: Question, of: Cells, scene: Int[np.ndarray, " b"]) -> 
 def _contrasts(
     question: Question, of: Cells, scene: Int[np.ndarray, " b"]
 ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, " k"]]:
-    """Gives by how much each region's slope exceeds its share of each scene's, and the variance by the curvature."""
-    scenes = int(scene.max()) + 1
-    excess = np.bincount(scene, of.excess.sum(1), scenes)
-    curvature = np.bincount(scene, of.curvature.sum(1), scenes)
+    """Gives by how much each region's slope exceeds its share of each scene's, and how far that may be by chance."""
+
+    def by_scene(part: Float[np.ndarray, "b a"]) -> Float[np.ndarray, " n"]:
+        return np.bincount(scene, part.sum(1), int(scene.max()) + 1)
+
+    excess = by_scene(of.excess)
+    curvature = by_scene(of.curvature)
+    squares = by_scene(of.squares)
     rows: list[Float[np.ndarray, " n"]] = []
     variance: list[float] = []
     for region in question.inside:
-        inside = np.bincount(scene, (of.excess * region).sum(1), scenes)
-        weight = np.bincount(scene, (of.curvature * region).sum(1), scenes)
+        weight = by_scene(of.curvature * region)
         # A scene that asks for more of the effect everywhere asks for no region.
         share = weight / curvature
-        rows.append(inside - share * excess)
-        variance.append((weight * (1 - share)).sum())
+        rows.append(by_scene(of.excess * region) - share * excess)
+        inside = by_scene(of.squares * region)
+        scattered = (1 - share) ** 2 * inside + share**2 * (squares - inside)
+        variance.append(float(np.maximum(weight * (1 - share), scattered).sum()))
     # A region in which nothing bends must not be divided by 0.
     return np.stack(rows), np.maximum(np.array(variance), 1e-9)
 
 
 def flipped(contrasts: Float[np.ndarray, "k n"], variance: Float[np.ndarray, " k"]) -> tuple[int, float]:
     """The region that scenes' contrasts speak for most, and how often some region's do when scenes change their signs;
-    for the latter no scene counts for more than the third largest. The variances are those of the sums, and do not
-    change with the signs."""
-    # In units of its standard deviation: a wide region does not win by its size alone.
-    scaled = contrasts / np.sqrt(variance)[:, None]
-    best = int(scaled.sum(1).argmax())
-    gains = np.stack([clipped(one) for one in scaled])
+    no scene counts for more than the third largest. The variances are those of the sums, and do not change with the
+    signs."""
+    # In units of its standard deviation: a wide region does not win by its size alone. Nor does a narrow one by the few
+    # scenes that have rays in it.
+    gains = np.stack([clipped(one) for one in contrasts / np.sqrt(variance)[:, None]])
+    best = int(gains.sum(1).argmax())
     by_chance = (signs_of(contrasts.shape[1]) @ gains.T).max(1)
     return best, float(np.mean(by_chance >= gains[best].sum() - 1e-9))
 

@@ -257,8 +257,8 @@ def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Qu
 
 def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
     """Where nothing is named, or one effect that nothing divides and that may stand in for another in a part: what
-    divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest and, if only the
-    scenes' dispute kept it from being named, the scenes themselves."""
+    divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest and the scenes of
+    those that only the scenes' dispute kept from being named."""
     # What noise of both sides does, it does in every part.
     possible = [candidate for candidate in choice.first_ranking if candidate.effect.name not in choice.refused]
     tried = [candidate for candidate in possible if not candidate.effect.of_recording]
@@ -272,12 +272,17 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
         return leads
     # Beams that change smoothly along the rows are not what is missing, nor what would be divided.
     likely = [candidate for candidate in tried if not candidate.smooth_is_enough] or tried
-    strongest = likely[0]
-    result = strongest.fits[0]
     arcs = [question for question in asked if question.between_scenes(facts.scene) is None]
-    for division in _divisions(strongest.effect, result, null, facts=facts, asked=arcs):
-        exists = division.question.divides != "scene" or strongest.total > choice.bars.effect
-        leads.append(Lead(division, tuple(likely[:few]), None, result, exists=exists))
+    for k, candidate in enumerate(likely[:few]):
+        # Sectors, of which all scenes have a share, are asked about for the strongest alone. The scenes' dispute may
+        # make any of them look weak; an effect that they do not show at all they do not dispute.
+        if k and candidate.total <= choice.bars.effect:
+            continue
+        rivals = tuple(other for other in likely[:few] if other is not candidate)
+        result = candidate.fits[0]
+        for division in _divisions(candidate.effect, result, null, facts=facts, asked=[] if k else arcs):
+            exists = division.question.divides != "scene" or candidate.total > choice.bars.effect
+            leads.append(Lead(division, (candidate, *rivals), None, result, exists=exists))
     return leads
 
 

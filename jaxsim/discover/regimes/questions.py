@@ -35,6 +35,9 @@ class Cells:
     """Slope of the log-likelihood in the effect's share, where it is in place: nats. Positive asks for more of it."""
     curvature: Float[np.ndarray, "b a"]
     """What the slope falls by from none of the effect to all of it."""
+    squares: Float[np.ndarray, "b a"]
+    """Sum of squares of the rays' own slopes: how far the slope may be by chance. The curvature says as much where the
+    size fits; where it is far off, readings lie on the tails of the noise, which hardly bend."""
 
     @property
     def excess(self) -> Float[np.ndarray, "b a"]:
@@ -43,7 +46,11 @@ class Cells:
 
     def folded(self) -> Cells:
         """Neighbouring pairs of sectors as one."""
-        return Cells(self.slope[:, ::2] + self.slope[:, 1::2], self.curvature[:, ::2] + self.curvature[:, 1::2])
+
+        def pairs(part: Float[np.ndarray, "b a"]) -> Float[np.ndarray, "b h"]:
+            return part[:, ::2] + part[:, 1::2]
+
+        return Cells(pairs(self.slope), pairs(self.curvature), pairs(self.squares))
 
 
 def cells_of(effect: Law, problem: Problem, result: Fit, *, sector: Int[np.ndarray, "b c"], sectors: int) -> Cells:
@@ -55,20 +62,23 @@ def cells_of(effect: Law, problem: Problem, result: Fit, *, sector: Int[np.ndarr
     # Of rays that meet another surface there is no share.
     same = before.constant["hit"] == after.constant["hit"]
 
-    def slope_at(state: EffectGradient) -> Float[np.ndarray, "b a"]:
+    def slope_at(state: EffectGradient) -> Float[np.ndarray, "b c r"]:
         by_fields = objective.gradient_at(state.fields, state.constant, result.noise).by_fields
-        of_rays = _slope(by_fields, before.fields, after.fields, same=same)
         # In float64: cells are differences of sums over thousands of rays.
+        return np.asarray(_slope(by_fields, before.fields, after.fields, same=same), np.float64)
+
+    def summed(of_rays: Float[np.ndarray, "b c r"]) -> Float[np.ndarray, "b a"]:
         total = np.zeros((len(sector), sectors))
-        np.add.at(total, (np.arange(len(sector))[:, None], sector), np.asarray(of_rays, np.float64).sum(-1))
+        np.add.at(total, (np.arange(len(sector))[:, None], sector), of_rays.sum(-1))
         return total
 
     # Two gradients stand for a second derivative: along the line the likelihood is close to a parabola.
-    slope = slope_at(after)
-    curvature = slope_at(before) - slope
+    of_rays = slope_at(after)
+    slope = summed(of_rays)
+    curvature = summed(slope_at(before)) - slope
     # A cell of few rays may bend upwards by chance; it then counts for next to nothing.
     least = 0.01 * max(float(curvature.mean()), 1e-6)
-    return Cells(slope, np.maximum(curvature, least))
+    return Cells(slope, np.maximum(curvature, least), summed(of_rays**2))
 
 
 @jax.jit

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import false_discovery_control
 
-from jaxsim.discover.regimes.chance import divided, existing, false_discovery_rates
+from jaxsim.discover.regimes.chance import best_region, divided, existing, false_discovery_rates, flipped
+from jaxsim.discover.regimes.questions import Cells, Question
 from jaxsim.discover.scenes import dealt
+from jaxsim.effects.region import Region
 
 SCENES = 11
 LATER = np.array([np.arange(SCENES) >= cut for cut in range(3, SCENES - 2)])
@@ -23,6 +25,28 @@ def test_scenes_that_differ_from_a_moment_on_are_divided_there():
     best, p = dealt(excess, WHOLE)
     assert np.array_equal(WHOLE[best], np.arange(SCENES) >= 6)
     assert p < 0.01
+
+
+def test_a_sector_that_all_scenes_speak_for_goes_before_one_that_few_have_rays_in():
+    wide = np.array([15, 18, 19, 6, 11, 16, 7, 19, 10, 13, 22], float)
+    narrow = np.where(np.arange(SCENES) < 2, 200.0, 0.0)
+    best, p = flipped(np.stack([narrow, wide]), np.ones(2))
+    assert best == 1
+    assert p < 0.002
+
+
+def test_a_part_of_a_sector_is_not_clearer_because_its_readings_lie_on_the_tails_of_the_noise():
+    """There the likelihood hardly bends: by its curvature alone two of six sectors would be clearer than all."""
+    sector = np.arange(12)
+    inside = (sector >= 2) & (sector < 8)
+    tails = (sector >= 4) & (sector < 6)
+    rng = np.random.default_rng(0)
+    shape = (SCENES, len(sector))
+    slope = np.where(inside, 10.0, -5.0) + rng.normal(0, 1, shape)
+    of = Cells(slope, np.broadcast_to(np.where(tails, 0.01, 2.0), shape), np.broadcast_to(5.0 + 5.0 * inside, shape))
+    masks = np.stack([np.broadcast_to(part, shape) for part in (tails, inside)])
+    question = Question("azimuth", (Region(azimuth_rad=(0.1, 0.2)), Region(azimuth_rad=(0.0, 0.3))), masks)
+    assert best_region(question, of, np.arange(SCENES)).k == 1
 
 
 def test_a_candidate_that_only_some_scenes_gain_by_is_found_among_others():

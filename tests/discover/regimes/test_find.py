@@ -15,6 +15,7 @@ from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.regimes import find as regimes
+from jaxsim.discover.regimes.chance import FoundRegion
 from jaxsim.discover.regimes.confine import Confined
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects.chain import SensorModel
@@ -65,7 +66,7 @@ def test_beams_that_change_smoothly_are_not_what_is_divided(monkeypatch):
     monkeypatch.setattr(regimes, "disputed", lambda tried, asked, facts: [])
     asked_of = []
     monkeypatch.setattr(regimes, "_divisions", lambda effect, *_, **__: asked_of.append(effect.name) or [])
-    choice = SimpleNamespace(first_ranking=(beams, offset), refused={}, steps=(), bars=None)
+    choice = SimpleNamespace(first_ranking=(beams, offset), refused={}, steps=(), bars=SimpleNamespace(effect=1e9))
     of_candidates = inspect.unwrap(regimes._of_candidates)
     assert of_candidates(None, choice, facts=None, asked=()) == []
     assert asked_of == ["range_offset"]
@@ -74,6 +75,29 @@ def test_beams_that_change_smoothly_are_not_what_is_divided(monkeypatch):
     of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (rough, offset)}), facts=None, asked=())
     of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (beams,)}), facts=None, asked=())
     assert asked_of == ["range_offset", "beam_range_bias", "beam_range_bias"]
+
+
+def test_drives_are_asked_of_every_candidate_that_exists_and_sectors_of_the_strongest(monkeypatch):
+    """Haze in a third of the drives: over all of them a turn of less than a mrad gains as much."""
+    turn = candidate("extrinsic_rotation", 18.0, "range")
+    haze = candidate("atmospheric_extinction", 17.0, "intensity")
+    nothing = candidate("window_contamination", 0.1, "intensity")
+    monkeypatch.setattr(regimes, "disputed", lambda tried, asked, facts: [])
+    asked_of = []
+
+    def divisions(effect, result, problem, *, facts, asked):
+        asked_of.append((effect.name, len(asked)))
+        return [FoundRegion(SimpleNamespace(divides="scene"), 0, 0.01)]
+
+    monkeypatch.setattr(regimes, "_divisions", divisions)
+    sectors = SimpleNamespace(between_scenes=lambda scene: None)
+    bars = SimpleNamespace(effect=10.0)
+    choice = SimpleNamespace(first_ranking=(turn, haze, nothing), refused={}, steps=(), bars=bars)
+    facts = SimpleNamespace(scene=None)
+    leads = inspect.unwrap(regimes._of_candidates)(None, choice, facts=facts, asked=[sectors])
+    assert asked_of == [("extrinsic_rotation", 1), ("atmospheric_extinction", 0)]
+    assert [lead.candidates for lead in leads] == [(turn, haze, nothing), (haze, turn, nothing)]
+    assert all(lead.exists for lead in leads)
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ def test_scenes_are_counted_only_where_frames_say_no_moment_of_their_own(monkeyp
     column = np.broadcast_to(np.arange(60), (FRAMES, 60))
     drives = tuple(f"drive {k}" for k in frame)
     facts = Facts(replace(scan, time_s=times.astype(np.float32)), drives, frame, frame, column)
-    monkeypatch.setattr(find, "cells_of", lambda *_, **more: Cells(*np.ones((2, FRAMES, more["sectors"]))))
+    monkeypatch.setattr(find, "cells_of", lambda *_, **more: Cells(*np.ones((3, FRAMES, more["sectors"]))))
     chosen = candidate("beam_gain", 4.0)
     late = Confined(step(chosen), chosen.effect, Region(time_s=(2.5, None)), frame > 2, problem(), 20.0)
     size = Interval(1.0, 0.9, 1.1, OF_FIT)
