@@ -37,7 +37,7 @@ def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> 
     p = probability(named.p_value)
     gains = (
         f"On held-out scenes it gains {number(named.gain.value)} {named.gain.unit} (90 % interval {span(named.gain)}; "
-        f"p {p if p.startswith('<') else f'= {p}'}, sign flips over scenes)."
+        f"p {p if p.startswith('<') else f'= {p}'}, an exact test over scenes)."
     )
     parts.append(page.paragraph(Markup("Changes {}. {}").format(changes, gains)))
     parts += [_does(channel, change) for channel, change in named.does.items()]

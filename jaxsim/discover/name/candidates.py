@@ -80,16 +80,20 @@ class Candidate:
         return self.chance <= RULES.agreement_level or self.sudden
 
     @property
+    def rough_nats(self) -> float:
+        """What numbers of single beams gain over the same made smooth along the rows; infinite where there are none."""
+        return float("inf") if self.over_smooth is None else float(clipped(self.over_smooth).sum())
+
+    @property
     def smooth_is_enough(self) -> bool:
         """Whether an effect of single beams gains no more, for certain, than a smooth change along the rows."""
         if self.over_smooth is None:
             return False
-        rough = clipped(self.over_smooth)
-        p = p_value(rough)
+        p = p_value(clipped(self.over_smooth))
         if self.over_smooth_slope is not None:
             # As of the gain itself: scenes may agree that single beams are off, and not on how much each is.
             p = 2 * min(p, p_value(clipped(self.over_smooth_slope)))
-        return bool(rough.sum() <= RULES.bar_nats or p > RULES.agreement_level)
+        return bool(self.rough_nats <= RULES.bar_nats or p > RULES.agreement_level)
 
     def accepted(self, bar: float = RULES.bar_nats) -> bool:
         """Whether it passes the bar, and the scenes agree that it should; of an effect of single beams, also on what

@@ -156,13 +156,18 @@ def disputed(candidates: Sequence[Candidate], asked: Sequence[Question], facts: 
     return result
 
 
+def _in_units(rates: Float[np.ndarray, "c n"]) -> Float[np.ndarray, "c n"]:
+    """Each candidate's rates over their root mean square, and over `Rules.regime_least_rate`: the many candidates of
+    which no scene says anything are each divided perfectly by some region."""
+    return rates / np.hypot(np.sqrt((rates**2).mean(1, keepdims=True)), RULES.regime_least_rate)
+
+
 def divided(
     rates: Float[np.ndarray, "c n"], whole: Bool[np.ndarray, "k n"]
 ) -> tuple[int, Float[np.ndarray, "c k"], float]:
     """The region that divides some candidate's scenes most, how clearly each does each candidate's, and how often
     scenes that are dealt out anew, all candidates alike, are divided as clearly."""
-    off = rates - rates.mean(1, keepdims=True)
-    off = off / (off.std(1, keepdims=True) + 1e-12)
+    off = _in_units(rates - rates.mean(1, keepdims=True))
     scenes = rates.shape[1]
     count = whole.sum(1)
     # A region counts in units of what one of so many scenes varies by.
@@ -175,7 +180,7 @@ def divided(
 def existing(rates: Float[np.ndarray, "c n"], whole: Bool[np.ndarray, "k n"]) -> float:
     """How often scenes without anything in them, which may change places and signs, agree so well in some region."""
     scaled = (whole / np.sqrt(whole.sum(1))[:, None]).T
-    direction = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
+    direction = _in_units(rates)
     # Of its own: orders are drawn with seed 0.
     rng = np.random.default_rng(1)
     scenes = rates.shape[1]

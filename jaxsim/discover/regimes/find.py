@@ -270,8 +270,9 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
     leads = [Lead(found.finding, found.candidates[:few], step, exists=found.exists) for found in disputes]
     if choice.steps:
         return leads
-    # Beams that change smoothly along the rows are not what is missing, nor what would be divided.
-    likely = [candidate for candidate in tried if not candidate.smooth_is_enough] or tried
+    # Beams that change smoothly along the rows are not what is missing, nor what would be divided. Whether scenes agree
+    # that they do not is no question where they may dispute it.
+    likely = [candidate for candidate in tried if candidate.rough_nats > RULES.bar_nats] or tried
     arcs = [question for question in asked if question.between_scenes(facts.scene) is None]
     for k, candidate in enumerate(likely[:few]):
         # Sectors, of which all scenes have a share, are asked about for the strongest alone. The scenes' dispute may

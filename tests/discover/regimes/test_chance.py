@@ -60,6 +60,20 @@ def test_a_candidate_that_only_some_scenes_gain_by_is_found_among_others():
     assert existing(rates, WHOLE) < 0.02
 
 
+def test_candidates_of_which_no_scene_says_anything_do_not_stand_before_one_that_some_gain_by():
+    """However perfectly thousandths of a nat are divided."""
+    rng = np.random.default_rng(2)
+    rates = rng.normal(0, 0.003, (40, SCENES))
+    rates[7] = np.where(np.arange(SCENES) >= 4, 0.002, -0.002)
+    rates[3] = np.where(np.arange(SCENES) >= 7, 40.0, -3.0) + rng.normal(0, 5, SCENES)
+    k, strength, p = divided(rates, WHOLE)
+    assert strength[:, k].argmax() == 3
+    assert np.array_equal(WHOLE[k], np.arange(SCENES) >= 7)
+    assert p < 0.01
+    assert existing(rates, WHOLE) < 0.01
+    assert np.delete(strength, 3, 0).max() < 0.2
+
+
 def test_candidates_of_nothing_do_not_exist():
     p = [existing(np.random.default_rng(k).normal(0, 1, (6, SCENES)), WHOLE) for k in range(20)]
     assert np.mean(np.array(p) <= 0.1) <= 0.3

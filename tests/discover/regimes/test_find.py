@@ -75,6 +75,11 @@ def test_beams_that_change_smoothly_are_not_what_is_divided(monkeypatch):
     of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (rough, offset)}), facts=None, asked=())
     of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (beams,)}), facts=None, asked=())
     assert asked_of == ["range_offset", "beam_range_bias", "beam_range_bias"]
+    # Beams that a few drives alone have rough are what these drives dispute, though the scenes do not agree on it.
+    disputed = replace(beams, over_smooth=np.where(np.arange(11) < 4, 30.0, -2.0))
+    assert disputed.smooth_is_enough
+    of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (disputed, offset)}), facts=None, asked=())
+    assert asked_of[-1] == "beam_range_bias"
 
 
 def test_drives_are_asked_of_every_candidate_that_exists_and_sectors_of_the_strongest(monkeypatch):
