@@ -28,8 +28,8 @@ class RegimeRules:
     """Curvature of a scene's likelihood in an effect's size, over the largest scene's, below which it tells no size (a
     judgement, not calibrated)."""
     regime_least_rate: float = 0.1
-    """What scenes say of a candidate's direction (`Candidate.slope`), nats, that counts as next to nothing (set on gains
-    of beams from a moment on: of forty candidates some of far less looked as clearly divided)."""
+    """What scenes say of a candidate's direction (`Candidate.slope`), nats, that counts as next to nothing (set on
+    gains of beams from a moment on: of forty candidates some of far less looked as clearly divided)."""
     regime_rivals: int = 3
     """Other candidates that are fitted in a region, where another may be the better name (a judgement, not calibrated:
     each costs fits)."""
