@@ -22,6 +22,7 @@ from jaxsim.discover.regimes.chance import FoundRegion, best_region, disputed, f
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
 from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells_of, questions
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import clipped
 from jaxsim.discover.verdict import Interval, Regime
 from jaxsim.effects import Law
 from jaxsim.effects.region import Region, within
@@ -249,42 +250,54 @@ def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Qu
         if effect.of_recording:
             continue
         rest = [c for c in step.ranking if c.effect is not effect and c.effect.name not in choice.refused]
-        rivals = tuple(rest[: RULES.regime_rivals])
-        divisions = _divisions(effect, step.fit, _without(null, choice, k), facts=facts, asked=asked)
-        leads += [Lead(division, (step.chosen, *rivals), k, step.fit, named=True) for division in divisions]
+        for division in _divisions(effect, step.fit, _without(null, choice, k), facts=facts, asked=asked):
+            candidates = (step.chosen, *_rivals(rest, division, facts))
+            leads.append(Lead(division, candidates, k, step.fit, named=True))
     return leads
 
 
 def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
     """Where nothing is named, or one effect that nothing divides and that may stand in for another in a part: what
-    divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest and the scenes of
-    those that only the scenes' dispute kept from being named."""
+    divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest, and of all that only
+    the scenes' dispute kept from being named these scenes and the sectors."""
     # What noise of both sides does, it does in every part.
     possible = [candidate for candidate in choice.first_ranking if candidate.effect.name not in choice.refused]
     tried = [candidate for candidate in possible if not candidate.effect.of_recording]
     if len(choice.steps) > 1 or not tried:
         return []
-    few = 1 + RULES.regime_rivals
     step = 0 if choice.steps else None
-    disputes = disputed(tried, asked, facts)
-    leads = [Lead(found.finding, found.candidates[:few], step, exists=found.exists) for found in disputes]
+    leads: list[Lead] = []
+    for found in disputed(tried, asked, facts):
+        first, *others = found.candidates
+        leads.append(Lead(found.finding, (first, *_rivals(others, found.finding, facts)), step, exists=found.exists))
     if choice.steps:
         return leads
     # Beams that change smoothly along the rows are not what is missing, nor what would be divided. Whether scenes agree
     # that they do not is no question where they may dispute it.
     likely = [candidate for candidate in tried if candidate.rough_nats > RULES.bar_nats] or tried
     arcs = [question for question in asked if question.between_scenes(facts.scene) is None]
-    for k, candidate in enumerate(likely[:few]):
-        # Sectors, of which all scenes have a share, are asked about for the strongest alone. The scenes' dispute may
-        # make any of them look weak; an effect that they do not show at all they do not dispute.
+    for k, candidate in enumerate(likely[: 1 + RULES.regime_rivals]):
+        # The strongest may stand in for another in a part, and scenes' disputes make any of them look weak; an effect
+        # that they do not show at all they do not dispute.
         if k and candidate.total <= choice.bars.effect:
             continue
-        rivals = tuple(other for other in likely[:few] if other is not candidate)
         result = candidate.fits[0]
-        for division in _divisions(candidate.effect, result, null, facts=facts, asked=[] if k else arcs):
-            exists = division.question.divides != "scene" or candidate.total > choice.bars.effect
-            leads.append(Lead(division, (candidate, *rivals), None, result, exists=exists))
+        for division in _divisions(candidate.effect, result, null, facts=facts, asked=arcs):
+            of_drives = division.question.divides == "scene"
+            exists = not of_drives or candidate.total > choice.bars.effect
+            others = [other for other in (tried if of_drives else likely) if other is not candidate]
+            leads.append(Lead(division, (candidate, *_rivals(others, division, facts)), None, result, exists=exists))
     return leads
+
+
+def _rivals(candidates: Sequence[Candidate], found: FoundRegion, facts: Facts) -> tuple[Candidate, ...]:
+    """Those that may be the better name in a region: of whole scenes those whose direction its scenes speak for most,
+    whatever the others say of it; of a sector the strongest."""
+    whole = found.question.between_scenes(facts.scene)
+    if whole is not None:
+        inside = whole[found.k]
+        candidates = sorted(candidates, key=lambda candidate: -float(clipped(candidate.slope)[inside].sum()))
+    return tuple(candidates[: RULES.regime_rivals])
 
 
 def _divisions(

@@ -82,7 +82,7 @@ def test_beams_that_change_smoothly_are_not_what_is_divided(monkeypatch):
     assert asked_of[-1] == "beam_range_bias"
 
 
-def test_drives_are_asked_of_every_candidate_that_exists_and_sectors_of_the_strongest(monkeypatch):
+def test_drives_and_sectors_are_asked_of_every_candidate_that_exists(monkeypatch):
     """Haze in a third of the drives: over all of them a turn of less than a mrad gains as much."""
     turn = candidate("extrinsic_rotation", 18.0, "range")
     haze = candidate("atmospheric_extinction", 17.0, "intensity")
@@ -92,17 +92,35 @@ def test_drives_are_asked_of_every_candidate_that_exists_and_sectors_of_the_stro
 
     def divisions(effect, result, problem, *, facts, asked):
         asked_of.append((effect.name, len(asked)))
-        return [FoundRegion(SimpleNamespace(divides="scene"), 0, 0.01)]
+        return [FoundRegion(SimpleNamespace(divides="scene", between_scenes=lambda scene: None), 0, 0.01)]
 
     monkeypatch.setattr(regimes, "_divisions", divisions)
+    monkeypatch.setattr(regimes, "_rivals", inspect.unwrap(regimes._rivals))
     sectors = SimpleNamespace(between_scenes=lambda scene: None)
     bars = SimpleNamespace(effect=10.0)
     choice = SimpleNamespace(first_ranking=(turn, haze, nothing), refused={}, steps=(), bars=bars)
     facts = SimpleNamespace(scene=None)
     leads = inspect.unwrap(regimes._of_candidates)(None, choice, facts=facts, asked=[sectors])
-    assert asked_of == [("extrinsic_rotation", 1), ("atmospheric_extinction", 0)]
+    assert asked_of == [("extrinsic_rotation", 1), ("atmospheric_extinction", 1)]
     assert [lead.candidates for lead in leads] == [(turn, haze, nothing), (haze, turn, nothing)]
     assert all(lead.exists for lead in leads)
+
+
+def test_rivals_in_some_drives_are_those_that_these_drives_speak_for():
+    """Biases of beams that half of the drives have are nearly nothing to all of them together."""
+    inside = np.arange(11) < 5
+    elevation = candidate("beam_elevation_error", 20.0, "range")
+    wave = candidate("cyclic_range_error", 15.0, "range")
+    walk = candidate("range_walk", 9.0, "range")
+    turn = candidate("extrinsic_rotation", 8.0, "range")
+    bias = candidate("beam_range_bias", np.where(inside, 60.0, -70.0), "range")
+    others = [elevation, wave, walk, turn, bias]
+    drives = FoundRegion(SimpleNamespace(between_scenes=lambda scene: inside[None]), 0, 0.01)
+    sector = FoundRegion(SimpleNamespace(between_scenes=lambda scene: None), 0, 0.01)
+    rivals = inspect.unwrap(regimes._rivals)
+    facts = SimpleNamespace(scene=None)
+    assert rivals(others, drives, facts) == (bias, elevation, wave)
+    assert rivals(others, sector, facts) == (elevation, wave, walk)
 
 
 @pytest.mark.slow
