@@ -14,7 +14,7 @@ from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
 from jaxsim.discover.model.likelihood import log_likelihood
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.name.candidates import Candidate, rank_effects
-from jaxsim.discover.name.select import Choice, FittedStep, much_richer, worse
+from jaxsim.discover.name.select import Choice, FittedStep, much_richer, simplest, worse
 from jaxsim.discover.regimes.questions import Facts, arc, cells_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
@@ -60,8 +60,7 @@ def confine(
         laws.append(replace(within(candidate.effect, region, frames), starts=starts))
     ranked = rank_effects(problem, laws)
     first = next(candidate for candidate in ranked if candidate.effect.plain_name == next(iter(plain)))
-    # The name that was given to all scenes stays unless another is clearly better here.
-    best = next((candidate for candidate in ranked if candidate is first or worse(first, candidate)), first)
+    best = named_in_part(first, ranked)
     everywhere = plain[best.effect.plain_name]
     advantage = float(clipped(best.by_scene - everywhere.by_scene).sum())
     if best.total <= RULES.bar_nats or advantage < RULES.regime_nats:
@@ -71,6 +70,13 @@ def confine(
     alike = tuple(c for c in alike if not much_richer(c, best))
     step = FittedStep(best, alike, tuple(ranking), result)
     return Confined(step, everywhere.effect, region, frames, problem, advantage)
+
+
+def named_in_part(first: Candidate, ranked: Sequence[Candidate]) -> Candidate:
+    """The one that was asked about, or what is clearly better in the region; and the simplest that gains as much, as
+    where effects are named everywhere."""
+    better = [candidate for candidate in ranked if worse(first, candidate)]
+    return simplest(better or [first, *(candidate for candidate in ranked if candidate is not first)])
 
 
 def sharpened(region: Region, effect: Law, result: Fit, *, problem: Problem, facts: Facts) -> Region:

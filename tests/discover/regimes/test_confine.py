@@ -14,11 +14,12 @@ from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.regimes.chance import best_region, scenes_by_size
-from jaxsim.discover.regimes.confine import JudgeScenes, confine
+from jaxsim.discover.regimes.confine import JudgeScenes, confine, named_in_part
 from jaxsim.discover.regimes.find import sizes
 from jaxsim.discover.regimes.questions import cells_of, questions
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.region import Region
+from tests.discover.name.made import candidate
 from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
 from tests.discover.toy import device, toy
 
@@ -88,6 +89,17 @@ def test_fitted_in_its_part_an_effect_is_as_large_as_it_is_there(night):
     assert inside.low < 1 < inside.high
     assert outside.low < 0 < outside.high
     assert outside.high < 0.2
+
+
+def test_in_a_part_as_everywhere_the_simplest_name_is_given_of_those_that_gain_as_much():
+    light = candidate("ambient_light", 28.0, "drop")
+    threshold = candidate("snr_dropout", 67.5, "drop", numbers=4)
+    loss = candidate("random_dropout", 67.4, "drop", numbers=1)
+    assert named_in_part(light, [threshold, loss, light]) is loss
+    assert named_in_part(threshold, [threshold, loss, light]) is loss
+    # What was asked about stays where nothing is clearly better.
+    stronger = candidate("snr_dropout", 67.5, "drop", numbers=1)
+    assert named_in_part(loss, [stronger, loss, light]) is loss
 
 
 def test_what_acts_everywhere_is_not_confined(standard_promotion):
