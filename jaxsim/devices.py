@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import wraps
+from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 import jax
@@ -36,6 +37,8 @@ WHOLE = PartitionSpec()
 CUT = PartitionSpec(DATA)
 SILENT_S = 20
 """Seconds without a sign of life after which a process counts as dead, and the others end."""
+MAPPED = 0.33
+"""Share of the memory mappings that a process may have, above which `by_small_steps` lets compiled programs go."""
 SELDOM = 100_000
 """Objects made since the last collection after which Python collects garbage next, of `by_small_steps`."""
 _OF_ANOTHER = re.compile(r"gloo|nccl|heartbeat|barrier|coordination|connection|UNAVAILABLE|DEADLINE", re.IGNORECASE)
@@ -190,15 +193,32 @@ def by_small_steps(function: Callable[P, R]) -> Callable[P, R]:
     It computes on the CPU wherever JAX has one: a GPU begins such a program later than a CPU ends it, and adds up in no
     fixed order (docs/benchmarks.md). JAX_PLATFORMS=cuda leaves JAX no CPU. NumPy's linear algebra is on one thread, for
     BLAS's threads spin against XLA's for the same cores. Garbage is collected seldom: the collector goes through all
-    that JAX made of its programs, again and again, and finds little.
+    that JAX made of its programs, again and again, and finds little. One that is called again and again with arrays of
+    ever other shapes lets its programs go before they are too many.
     """
 
     @wraps(function)
     def run(*args: P.args, **named: P.kwargs) -> R:
+        let_programs_go()
         with _on_cpu(), _seldom_collected(), threadpool_limits(limits=1, user_api="blas"):
             return function(*args, **named)
 
     return run
+
+
+def let_programs_go() -> None:
+    """Lets compiled programs go where this process holds so many that it could soon hold no more.
+
+    On a CPU each takes about eighteen mappings of memory, of which Linux gives a process 65530 (vm.max_map_count), and
+    LLVM ends a process that asks for more. What is needed again comes from the cache on disk, or is compiled anew.
+    """
+    try:
+        most = int(Path("/proc/sys/vm/max_map_count").read_text())
+        held = Path("/proc/self/maps").read_bytes().count(b"\n")
+    except OSError:  # not Linux's
+        return
+    if held > MAPPED * most:
+        jax.clear_caches()
 
 
 def side_by_side(first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]:

@@ -185,6 +185,22 @@ def test_garbage_is_collected_seldom_inside_and_as_before_after():
     assert gc.get_threshold() == before
 
 
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="mappings are told by Linux alone")
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_programs_are_let_go_before_they_are_too_many_to_hold(share, monkeypatch):
+    """What is answered in one process of ever other shapes would end it: LLVM finds no room for another program."""
+    double = jax.jit(lambda x: 2 * x)
+    double(jnp.ones(3))
+    monkeypatch.setattr(devices, "MAPPED", share)
+
+    @by_small_steps
+    def held() -> int:
+        return double._cache_size()
+
+    assert held() == int(share)
+    assert float(double(jnp.ones(3)).sum()) == 6
+
+
 def blas_threads() -> list[int]:
     return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
 
