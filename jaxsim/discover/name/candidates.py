@@ -23,6 +23,7 @@ from jaxsim.discover.name.starts import starts_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, p_value
 from jaxsim.effects import Law
+from jaxsim.metrics.intervals import mean_interval
 from jaxsim.progress import Progress
 
 THREADS = 2
@@ -76,8 +77,8 @@ class Candidate:
 
     @property
     def scenes_agree(self) -> bool:
-        """Whether the scenes agree on its gain."""
-        return self.chance <= RULES.agreement_level or self.sudden
+        """Whether the scenes agree on its gain: on its direction at least, with an interval of the gain above 0."""
+        return self.sudden or (self.chance <= RULES.agreement_level and mean_interval(clipped(self.by_scene))[0] > 0)
 
     @property
     def rough_nats(self) -> float:

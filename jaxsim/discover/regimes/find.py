@@ -12,17 +12,16 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.division import AllScenes, Division, NullModel
-from jaxsim.discover.model.fit import Fit, Problem, on_top
+from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.name.answer import Answer, named_answer, outdone, stands
-from jaxsim.discover.name.candidates import Candidate, rank_effects
+from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
 from jaxsim.discover.read.control import NO_CONTROL
-from jaxsim.discover.regimes.chance import FoundRegion, best_region, disputed, false_discovery_rates, scenes_by_size
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
-from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells_of, questions
+from jaxsim.discover.regimes.leads import Lead, of_candidates, of_named, ranked, without_step
+from jaxsim.discover.regimes.questions import Cells, Facts, cells_of, questions
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped
 from jaxsim.discover.verdict import Interval, Regime
 from jaxsim.effects import Law
 from jaxsim.effects.region import Region, within
@@ -38,24 +37,6 @@ class Sized(NamedTuple):
     confined: Confined
     inside: Interval
     outside: Interval
-
-
-@dataclass(frozen=True)
-class Lead:
-    """A region to look at: of an effect that is named, or of candidates of which none is."""
-
-    finding: FoundRegion
-    candidates: tuple[Candidate, ...]
-    """The effect first, then those that may be the better name there."""
-    step: int | None
-    """The choice's step that it is, or takes the place of; None where nothing is named."""
-    fit: Fit | None = None
-    """The effect everywhere, where it was asked about by its cells."""
-    named: bool = False
-    """Whether the effect is that of the step."""
-    exists: bool = True
-    """Whether there is an effect at all, which naming has shown of those that it names."""
-    q_value: float = 1.0
 
 
 def sizes(confined: Confined, facts: Facts) -> tuple[Interval, Interval]:
@@ -162,9 +143,9 @@ def find_regimes(
     choice = answer.choice
     regimes: list[Regime] = []
     judge_scenes = None
-    for stage in (_of_named, _of_candidates):
+    for stage in (of_named, of_candidates):
         # What is named comes first; other candidates are asked about where nothing divides it.
-        for lead in [] if regimes else _ranked(stage(null, choice, facts=facts, asked=asked)):
+        for lead in [] if regimes else ranked(stage(null, choice, facts=facts, asked=asked)):
             # Drives that only their own readings tell apart may be those that the simulator serves ill by itself.
             beside = lead.step is None and lead.finding.question.divides == "scene" and controlled
             if beside or not _promising(lead, choice, regimes):
@@ -211,7 +192,7 @@ def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
 def _sized(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Sized | None:
     """The lead's effect fitted in its region; None where it gains too little by it, or may act outside as well."""
     region = lead.finding.question.regions[lead.finding.k]
-    problem = _without(null, choice, lead.step)
+    problem = without_step(null, choice, lead.step)
     if lead.fit and region.azimuth_rad:
         region = sharpened(region, lead.candidates[0].effect, lead.fit, problem=problem, facts=facts)
     candidates = lead.candidates
@@ -233,90 +214,6 @@ def _sized(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Sized 
     # What may act outside as well is no regime, however much it gains inside.
     inside, outside = sizes(confined, facts)
     return Sized(confined, inside, outside) if outside.high < RULES.regime_outside * inside.value else None
-
-
-def _ranked(leads: list[Lead]) -> list[Lead]:
-    """The leads with q-values over all of them, least probable by chance first; what divides drives by a fact before
-    what divides them by their readings alone."""
-    rates = false_discovery_rates(np.array([lead.finding.p_value for lead in leads]))
-    rated = [replace(lead, q_value=float(q)) for lead, q in zip(leads, rates, strict=True)]
-    return sorted(rated, key=lambda lead: (lead.finding.question.divides == "scene", lead.finding.p_value))
-
-
-def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
-    leads: list[Lead] = []
-    for k, step in enumerate(choice.steps):
-        effect = step.chosen.effect
-        if effect.of_recording:
-            continue
-        rest = [c for c in step.ranking if c.effect is not effect and c.effect.name not in choice.refused]
-        for division in _divisions(effect, step.fit, _without(null, choice, k), facts=facts, asked=asked):
-            candidates = (step.chosen, *_rivals(rest, division, facts))
-            leads.append(Lead(division, candidates, k, step.fit, named=True))
-    return leads
-
-
-def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
-    """Where nothing is named, or one effect that nothing divides and that may stand in for another in a part: what
-    divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest, and of all that only
-    the scenes' dispute kept from being named these scenes and the sectors."""
-    # What noise of both sides does, it does in every part.
-    possible = [candidate for candidate in choice.first_ranking if candidate.effect.name not in choice.refused]
-    tried = [candidate for candidate in possible if not candidate.effect.of_recording]
-    if len(choice.steps) > 1 or not tried:
-        return []
-    step = 0 if choice.steps else None
-    leads: list[Lead] = []
-    for found in disputed(tried, asked, facts):
-        first, *others = found.candidates
-        leads.append(Lead(found.finding, (first, *_rivals(others, found.finding, facts)), step, exists=found.exists))
-    if choice.steps:
-        return leads
-    # Beams that change smoothly along the rows are not what is missing, nor what would be divided. Whether scenes agree
-    # that they do not is no question where they may dispute it.
-    likely = [candidate for candidate in tried if candidate.rough_nats > RULES.bar_nats] or tried
-    arcs = [question for question in asked if question.between_scenes(facts.scene) is None]
-    for k, candidate in enumerate(likely[: 1 + RULES.regime_rivals]):
-        # The strongest may stand in for another in a part, and scenes' disputes make any of them look weak; an effect
-        # that they do not show at all they do not dispute.
-        if k and candidate.total <= choice.bars.effect:
-            continue
-        result = candidate.fits[0]
-        for division in _divisions(candidate.effect, result, null, facts=facts, asked=arcs):
-            of_drives = division.question.divides == "scene"
-            exists = not of_drives or candidate.total > choice.bars.effect
-            others = [other for other in (tried if of_drives else likely) if other is not candidate]
-            leads.append(Lead(division, (candidate, *_rivals(others, division, facts)), None, result, exists=exists))
-    return leads
-
-
-def _rivals(candidates: Sequence[Candidate], found: FoundRegion, facts: Facts) -> tuple[Candidate, ...]:
-    """Those that may be the better name in a region: of whole scenes those whose direction its scenes speak for most,
-    whatever the others say of it; of a sector the strongest."""
-    whole = found.question.between_scenes(facts.scene)
-    if whole is not None:
-        inside = whole[found.k]
-        candidates = sorted(candidates, key=lambda candidate: -float(clipped(candidate.slope)[inside].sum()))
-    return tuple(candidates[: RULES.regime_rivals])
-
-
-def _divisions(
-    effect: Law, result: Fit, problem: Problem, *, facts: Facts, asked: Sequence[Question]
-) -> list[FoundRegion]:
-    """What divides an effect that was fitted on top of `problem`: the best region of every question, and scenes by
-    their own sizes."""
-    # Even and odd columns apart: noise does not agree between them, what a scene shows does.
-    halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
-    both = cells_of(effect, problem, result, sector=halves, sectors=2 * facts.sectors)
-    by_size = scenes_by_size(both, facts)
-    whole = both.folded()
-    return [*(best_region(question, whole, facts.scene) for question in asked), *([by_size] if by_size else [])]
-
-
-def _without(null: Problem, choice: Choice, step: int | None) -> Problem:
-    """The null with all steps but one in place."""
-    rest = [other for k, other in enumerate(choice.steps) if k != step]
-    return with_steps(null, rest) if rest else null
 
 
 def _with(null: Problem, choice: Choice, confined: FittedStep, *, at: int | None) -> Choice:

@@ -14,7 +14,8 @@ from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.regimes import find
 from jaxsim.discover.regimes.chance import FoundRegion
 from jaxsim.discover.regimes.confine import Confined
-from jaxsim.discover.regimes.find import OF_FIT, Lead, Sized, find_regimes, regime_of
+from jaxsim.discover.regimes.find import OF_FIT, Sized, find_regimes, regime_of
+from jaxsim.discover.regimes.leads import Lead
 from jaxsim.discover.regimes.questions import Cells, Facts, Question
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects.region import Region
@@ -58,8 +59,8 @@ def divide(monkeypatch, lead: Lead, answer: Answer, *, controlled: bool = False,
     for name, stub in {
         "facts_of": lambda division: SimpleNamespace(scene=np.arange(3)),
         "questions": lambda facts: [],
-        "_of_named": lambda *given, **more: [lead] if lead.named else [],
-        "_of_candidates": lambda *given, **more: [] if lead.named else [lead],
+        "of_named": lambda *given, **more: [lead] if lead.named else [],
+        "of_candidates": lambda *given, **more: [] if lead.named else [lead],
         "_sized": lambda *given, **more: Sized(confined, *[Interval(1.0, 0.9, 1.1, OF_FIT)] * 2),
         "_with": lambda null, choice, *given, **more: choice,
         "regime_of": lambda *given, **more: regime(Region(time_s=(2.5, None))),

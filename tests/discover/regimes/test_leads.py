@@ -1,0 +1,74 @@
+"""Which regions are looked at, and for which effects."""
+
+import inspect
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+
+from jaxsim.discover.regimes import leads
+from jaxsim.discover.regimes.chance import FoundRegion
+from tests.discover.name.made import candidate
+
+
+def test_beams_that_change_smoothly_are_not_what_is_divided(monkeypatch):
+    beams = replace(candidate("beam_range_bias", 31.0, "range"), over_smooth=np.zeros(11))
+    offset = candidate("range_offset", 26.0, "range")
+    monkeypatch.setattr(leads, "disputed", lambda tried, asked, facts: [])
+    asked_of = []
+    monkeypatch.setattr(leads, "_divisions", lambda effect, *_, **__: asked_of.append(effect.name) or [])
+    choice = SimpleNamespace(first_ranking=(beams, offset), refused={}, steps=(), bars=SimpleNamespace(effect=1e9))
+    of_candidates = inspect.unwrap(leads.of_candidates)
+    assert of_candidates(None, choice, facts=None, asked=()) == []
+    assert asked_of == ["range_offset"]
+    # Rough numbers of beams are, and so is what a smooth change explains where there is nothing else.
+    rough = replace(beams, over_smooth=np.full(11, 5.0) + 0.1 * np.arange(11))
+    of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (rough, offset)}), facts=None, asked=())
+    of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (beams,)}), facts=None, asked=())
+    assert asked_of == ["range_offset", "beam_range_bias", "beam_range_bias"]
+    # Beams that a few drives alone have rough are what these drives dispute, though the scenes do not agree on it.
+    disputed = replace(beams, over_smooth=np.where(np.arange(11) < 4, 30.0, -2.0))
+    assert disputed.smooth_is_enough
+    of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (disputed, offset)}), facts=None, asked=())
+    assert asked_of[-1] == "beam_range_bias"
+
+
+def test_drives_and_sectors_are_asked_of_every_candidate_that_exists(monkeypatch):
+    """Haze in a third of the drives: over all of them a turn of less than a mrad gains as much."""
+    turn = candidate("extrinsic_rotation", 18.0, "range")
+    haze = candidate("atmospheric_extinction", 17.0, "intensity")
+    nothing = candidate("window_contamination", 0.1, "intensity")
+    monkeypatch.setattr(leads, "disputed", lambda tried, asked, facts: [])
+    asked_of = []
+
+    def divisions(effect, result, problem, *, facts, asked):
+        asked_of.append((effect.name, len(asked)))
+        return [FoundRegion(SimpleNamespace(divides="scene", between_scenes=lambda scene: None), 0, 0.01)]
+
+    monkeypatch.setattr(leads, "_divisions", divisions)
+    monkeypatch.setattr(leads, "_rivals", inspect.unwrap(leads._rivals))
+    sectors = SimpleNamespace(between_scenes=lambda scene: None)
+    bars = SimpleNamespace(effect=10.0)
+    choice = SimpleNamespace(first_ranking=(turn, haze, nothing), refused={}, steps=(), bars=bars)
+    facts = SimpleNamespace(scene=None)
+    found = inspect.unwrap(leads.of_candidates)(None, choice, facts=facts, asked=[sectors])
+    assert asked_of == [("extrinsic_rotation", 1), ("atmospheric_extinction", 1)]
+    assert [lead.candidates for lead in found] == [(turn, haze, nothing), (haze, turn, nothing)]
+    assert all(lead.exists for lead in found)
+
+
+def test_rivals_in_some_drives_are_those_that_these_drives_speak_for():
+    """Biases of beams that half of the drives have are nearly nothing to all of them together."""
+    inside = np.arange(11) < 5
+    elevation = candidate("beam_elevation_error", 20.0, "range")
+    wave = candidate("cyclic_range_error", 15.0, "range")
+    walk = candidate("range_walk", 9.0, "range")
+    turn = candidate("extrinsic_rotation", 8.0, "range")
+    bias = candidate("beam_range_bias", np.where(inside, 60.0, -70.0), "range")
+    others = [elevation, wave, walk, turn, bias]
+    drives = FoundRegion(SimpleNamespace(between_scenes=lambda scene: inside[None]), 0, 0.01)
+    sector = FoundRegion(SimpleNamespace(between_scenes=lambda scene: None), 0, 0.01)
+    rivals = inspect.unwrap(leads._rivals)
+    facts = SimpleNamespace(scene=None)
+    assert rivals(others, drives, facts) == (bias, elevation, wave)
+    assert rivals(others, sector, facts) == (elevation, wave, walk)
