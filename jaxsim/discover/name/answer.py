@@ -16,7 +16,7 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.each_class import denied_without, shown_by
 from jaxsim.discover.name.null_draws import draw_nulls
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, goes_by_steps
-from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
+from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, add_steps, choose, step_along, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
@@ -147,6 +147,11 @@ def name_effects(
     passed: list[tuple[Along, str]] = []
     decided = partial(decide, null, dependences=dependences, without=without, leaves_nothing=leaves_nothing)
     answer = decided(choice, but=unasked)
+    step = step_along(choice, answer.curve[0].channel, answer.curve[0].covariate) if answer.curve else None
+    if step and not refuse(step, null):
+        log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, beside a free curve along what it goes by")
+        choice = add_steps(null, catalogue, (step,), bars=choice.bars, refuse=refuse, log=log)
+        answer = decided(choice, but=unasked)
     # The strongest may be found elsewhere and the next one not: curves are struck off one by one.
     while answer.curve and (why := _elsewhere(others, answer.choice.problem, answer.curve)):
         passed.append(((answer.curve[0].channel, answer.curve[0].covariate), why))

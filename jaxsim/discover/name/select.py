@@ -270,6 +270,16 @@ def first_step(problem: Problem, ranking: Sequence[Candidate], bars: Bars) -> Fi
     return fitted_step(problem, simplest(good), ranking=ranking, good=good) if good else None
 
 
+def step_along(choice: Choice, channel: str, covariate: str) -> FittedStep | None:
+    """Where nothing is chosen: the best accepted candidate that goes by a covariate in a channel, however much more
+    another gains on which the scenes disagree. What a free curve along it says is no stronger answer."""
+    likely = [c for c in choice.first_ranking if c.accepted(choice.bars.effect) and c.effect.name not in choice.refused]
+    good = [c for c in likely if channel in c.effect.channels and covariate in c.effect.covariates]
+    if choice.steps or not good:
+        return None
+    return fitted_step(choice.problem, simplest(good), ranking=choice.first_ranking, good=good)
+
+
 def simplest(good: Sequence[Candidate]) -> Candidate:
     """The best candidate, or the one with the fewest numbers of those of its channels that gain as much."""
     best = good[0]

@@ -19,7 +19,7 @@ from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, wor
 from jaxsim.discover.name.unexplained import curve_numbers
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
-from jaxsim.discover.regimes.leads import Lead, of_candidates, of_named, ranked, without_step
+from jaxsim.discover.regimes.leads import Lead, of_candidates, of_named, ranked, rivals, without_step
 from jaxsim.discover.regimes.questions import Cells, Facts, cells_of, questions
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Regime
@@ -195,7 +195,7 @@ def _sized(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Sized 
     problem = without_step(null, choice, lead.step)
     if lead.fit and region.azimuth_rad:
         region = sharpened(region, lead.candidates[0].effect, lead.fit, problem=problem, facts=facts)
-    candidates = lead.candidates
+    candidates = (lead.candidates[0], *rivals(lead, problem, facts))
     if len(choice.steps) > 1:
         # Gains of a step were those over the steps before it alone.
         again = {c.effect.name: c for c in rank_effects(problem, [c.effect for c in candidates])}
@@ -211,9 +211,10 @@ def _sized(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Sized 
     # Another effect takes the place of a named one if it is clearly better.
     if lead.step is not None and not lead.named and not worse(choice.steps[lead.step].chosen, chosen):
         return None
-    # What may act outside as well is no regime, however much it gains inside.
+    # What may act outside as well is no regime, however much it gains inside; nor is what may be as little inside.
     inside, outside = sizes(confined, facts)
-    return Sized(confined, inside, outside) if outside.high < RULES.regime_outside * inside.value else None
+    apart = outside.high < min(RULES.regime_outside * inside.value, inside.low)
+    return Sized(confined, inside, outside) if apart else None
 
 
 def _with(null: Problem, choice: Choice, confined: FittedStep, *, at: int | None) -> Choice:

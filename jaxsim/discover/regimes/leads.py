@@ -19,7 +19,6 @@ from jaxsim.discover.name.select import Choice, with_steps
 from jaxsim.discover.regimes.chance import FoundRegion, best_region, disputed, false_discovery_rates, scenes_by_size
 from jaxsim.discover.regimes.questions import Facts, Question, cells_of
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
 
 
@@ -29,7 +28,7 @@ class Lead:
 
     finding: FoundRegion
     candidates: tuple[Candidate, ...]
-    """The effect first, then those that may be the better name there."""
+    """The effect first, then all others that were asked about, the strongest first."""
     step: int | None
     """The choice's step that it is, or takes the place of; None where nothing is named."""
     fit: Fit | None = None
@@ -48,9 +47,10 @@ def of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Que
         if effect.of_recording:
             continue
         rest = [c for c in step.ranking if c.effect is not effect and c.effect.name not in choice.refused]
-        for division in _divisions(effect, step.fit, without_step(null, choice, k), facts=facts, asked=asked):
-            candidates = (step.chosen, *_rivals(rest, division, facts))
-            leads.append(Lead(division, candidates, k, step.fit, named=True))
+        for division in _divisions(
+            effect, step.fit, without_step(null, choice, k), facts=facts, asked=asked, told=asked
+        ):
+            leads.append(Lead(division, (step.chosen, *rest), k, step.fit, named=True))
     return leads
 
 
@@ -64,10 +64,8 @@ def of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequenc
     if len(choice.steps) > 1 or not tried:
         return []
     step = 0 if choice.steps else None
-    leads: list[Lead] = []
-    for found in disputed(tried, asked, facts):
-        first, *others = found.candidates
-        leads.append(Lead(found.finding, (first, *_rivals(others, found.finding, facts)), step, exists=found.exists))
+    disputes = disputed(tried, asked, facts)
+    leads = [Lead(found.finding, found.candidates, step, exists=found.exists) for found in disputes]
     if choice.steps:
         return leads
     # Beams that change smoothly along the rows are not what is missing, nor what would be divided. Whether scenes agree
@@ -80,11 +78,11 @@ def of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequenc
         if k and candidate.total <= choice.bars.effect:
             continue
         result = candidate.fits[0]
-        for division in _divisions(candidate.effect, result, null, facts=facts, asked=arcs):
-            of_drives = division.question.divides == "scene"
-            exists = not of_drives or candidate.total > choice.bars.effect
-            others = [other for other in (tried if of_drives else likely) if other is not candidate]
-            leads.append(Lead(division, (candidate, *_rivals(others, division, facts)), None, result, exists=exists))
+        for division in _divisions(candidate.effect, result, null, facts=facts, asked=arcs, told=asked):
+            of_sector = division.question.divides == "azimuth"
+            exists = of_sector or candidate.total > choice.bars.effect
+            others = [other for other in (likely if of_sector else tried) if other is not candidate]
+            leads.append(Lead(division, (candidate, *others), None, result, exists=exists))
     return leads
 
 
@@ -96,27 +94,53 @@ def ranked(leads: list[Lead]) -> list[Lead]:
     return sorted(rated, key=lambda lead: (lead.finding.question.divides == "scene", lead.finding.p_value))
 
 
-def _rivals(candidates: Sequence[Candidate], found: FoundRegion, facts: Facts) -> tuple[Candidate, ...]:
-    """Those that may be the better name in a region: of whole scenes those whose direction its scenes speak for most,
-    whatever the others say of it; of a sector the strongest."""
-    whole = found.question.between_scenes(facts.scene)
-    if whole is not None:
-        inside = whole[found.k]
-        candidates = sorted(candidates, key=lambda candidate: -float(clipped(candidate.slope)[inside].sum()))
-    return tuple(candidates[: RULES.regime_rivals])
+def rivals(lead: Lead, problem: Problem, facts: Facts) -> tuple[Candidate, ...]:
+    """Those that may be the better name in a region: the strongest of a sector; of whole scenes those that gain most
+    there on the way to their fits, forwards or back. What some drives have may be nothing to all of them together, or
+    its opposite to a fold."""
+    others, question = lead.candidates[1:], lead.finding.question
+    if question.between_scenes(facts.scene) is not None:
+        inside = question.inside[lead.finding.k]
+
+        def gain(candidate: Candidate) -> float:
+            of = cells_of(candidate.effect, problem, candidate.fits[0], sector=facts.sector, sectors=facts.sectors)
+            curvature = (of.curvature * inside).sum()
+            at_none = (of.slope * inside).sum() + curvature
+            return float(at_none**2 / curvature)
+
+        others = sorted(others, key=gain, reverse=True)
+    return tuple(others[: RULES.regime_rivals])
 
 
 def _divisions(
-    effect: Law, result: Fit, problem: Problem, *, facts: Facts, asked: Sequence[Question]
+    effect: Law,
+    result: Fit,
+    problem: Problem,
+    *,
+    facts: Facts,
+    asked: Sequence[Question],
+    told: Sequence[Question],
 ) -> list[FoundRegion]:
     """What divides an effect that was fitted on top of `problem`: the best region of every question, and scenes by
-    their own sizes."""
+    their own sizes; these by what frames say of them (`told`), where that is the same."""
     # Even and odd columns apart: noise does not agree between them, what a scene shows does.
     halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
     both = cells_of(effect, problem, result, sector=halves, sectors=2 * facts.sectors)
     by_size = scenes_by_size(both, facts)
     whole = both.folded()
-    return [*(best_region(question, whole, facts.scene) for question in asked), *([by_size] if by_size else [])]
+    found = [best_region(question, whole, facts.scene) for question in asked]
+    return [*found, _as_told(by_size, told, facts)] if by_size else found
+
+
+def _as_told(by_size: FoundRegion, told: Sequence[Question], facts: Facts) -> FoundRegion:
+    """The scenes by what frames say of them, where a moment or a tag divides them just so."""
+    own = by_size.question.between_scenes(facts.scene)
+    for question in told:
+        whole = question.between_scenes(facts.scene)
+        alike = np.flatnonzero((whole == own).all(1)) if whole is not None and own is not None else []
+        if len(alike):
+            return FoundRegion(question, int(alike[0]), by_size.p_value)
+    return by_size
 
 
 def without_step(null: Problem, choice: Choice, step: int | None) -> Problem:

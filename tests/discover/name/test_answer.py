@@ -9,6 +9,7 @@ import pytest
 from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.name import answer
+from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.verdict import Unexplained
@@ -154,6 +155,22 @@ def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch, curve_of)
     assert (unasked.verdict, unasked.elsewhere) == ("none", ())
     # Nor where effects are confined to a part later.
     assert said.unasked == unasked.unasked == (("intensity", "range"),)
+
+
+@pytest.mark.parametrize(("each", "verdict"), [(8.5, "named"), (3, "not_in_catalogue")])
+def test_what_goes_by_a_free_curves_covariate_is_named_unless_the_curve_says_more(each, verdict, monkeypatch, curve_of):
+    curve_of("intensity", candidate("curve", 9))
+    whole = problem()
+    fall = step(candidate("range_falloff", each))
+    monkeypatch.setattr(answer, "choose", lambda *_, **__: Choice((), (fall.chosen,), whole))
+    monkeypatch.setattr(answer, "step_along", lambda choice, *along: fall if along == ("intensity", "range") else None)
+    monkeypatch.setattr(answer, "add_steps", lambda null, catalogue, begun, **_: Choice(tuple(begun), (), whole))
+    monkeypatch.setattr(Candidate, "size", 1.0)
+    for name in ("denied_without", "shown_by"):
+        monkeypatch.setattr(answer, name, lambda *_: "")
+    said = answer.name_effects(whole, [], [])
+    assert said.verdict == verdict
+    assert [one.chosen.effect.name for one in said.choice.steps] == ["range_falloff"] * (verdict == "named")
 
 
 @pytest.mark.parametrize(("name", "why"), [("mixed_pixels", EXCHANGED), ("beam_range_bias", "")])

@@ -1,5 +1,6 @@
 """Which candidates are chosen, which stand beside them, and which are taken back."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -213,3 +214,19 @@ def test_what_is_refused_is_passed_over_and_told(monkeypatch):
     # It stays in the ranking that is told, and is not fitted again beside the others.
     assert [one.effect.name for one in choice.first_ranking] == ["gamma_response", "beam_gain", "saturation"]
     assert asked == [["gamma_response", "beam_gain", "saturation"], ["saturation"]]
+
+
+def test_a_weak_effect_is_no_weaker_an_answer_than_a_free_curve_along_what_it_goes_by(monkeypatch):
+    """A laser that fades makes some streets as dark as a gamma would, and others not."""
+    monkeypatch.setattr(select, "fitted_step", lambda problem, best, *, ranking, good: step(best, ranking=ranking))
+    gamma = candidate("gamma_response", np.array([-52, 18, 46, 51, 13, 53, 26, 10, -167, 50, 16]))
+    drift = candidate("emitter_drift", 4.0)
+    choice = Choice((), (gamma, drift), problem())
+    assert select.first_step(choice.problem, choice.first_ranking, choice.bars) is None
+    along = select.step_along(choice, "intensity", "frame")
+    assert along.chosen is drift
+    # Nothing else is a free curve's answer, nor what was refused, nor is there one where effects are named.
+    assert select.step_along(choice, "intensity", "range") is None
+    assert select.step_along(choice, "range", "frame") is None
+    assert select.step_along(replace(choice, refused={"emitter_drift": "noise"}), "intensity", "frame") is None
+    assert select.step_along(replace(choice, steps=(step(gamma),)), "intensity", "frame") is None

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxsim.discover.regimes import leads
 from jaxsim.discover.regimes.chance import FoundRegion
+from jaxsim.discover.regimes.questions import Cells
 from tests.discover.name.made import candidate
 
 
@@ -41,12 +42,11 @@ def test_drives_and_sectors_are_asked_of_every_candidate_that_exists(monkeypatch
     monkeypatch.setattr(leads, "disputed", lambda tried, asked, facts: [])
     asked_of = []
 
-    def divisions(effect, result, problem, *, facts, asked):
+    def divisions(effect, result, problem, *, facts, asked, told):
         asked_of.append((effect.name, len(asked)))
         return [FoundRegion(SimpleNamespace(divides="scene", between_scenes=lambda scene: None), 0, 0.01)]
 
     monkeypatch.setattr(leads, "_divisions", divisions)
-    monkeypatch.setattr(leads, "_rivals", inspect.unwrap(leads._rivals))
     sectors = SimpleNamespace(between_scenes=lambda scene: None)
     bars = SimpleNamespace(effect=10.0)
     choice = SimpleNamespace(first_ranking=(turn, haze, nothing), refused={}, steps=(), bars=bars)
@@ -57,18 +57,42 @@ def test_drives_and_sectors_are_asked_of_every_candidate_that_exists(monkeypatch
     assert all(lead.exists for lead in found)
 
 
-def test_rivals_in_some_drives_are_those_that_these_drives_speak_for():
-    """Biases of beams that half of the drives have are nearly nothing to all of them together."""
-    inside = np.arange(11) < 5
-    elevation = candidate("beam_elevation_error", 20.0, "range")
+def test_rivals_in_some_drives_are_those_that_gain_most_there_forwards_or_back(monkeypatch):
+    """Biases of beams that half of the drives have are nearly nothing to all of them together, or their opposite."""
+    drives, sectors = 11, 4
+    inside = np.arange(drives) < 5
+    first = candidate("beam_elevation_error", 20.0, "range")
     wave = candidate("cyclic_range_error", 15.0, "range")
     walk = candidate("range_walk", 9.0, "range")
     turn = candidate("extrinsic_rotation", 8.0, "range")
-    bias = candidate("beam_range_bias", np.where(inside, 60.0, -70.0), "range")
-    others = [elevation, wave, walk, turn, bias]
-    drives = FoundRegion(SimpleNamespace(between_scenes=lambda scene: inside[None]), 0, 0.01)
-    sector = FoundRegion(SimpleNamespace(between_scenes=lambda scene: None), 0, 0.01)
-    rivals = inspect.unwrap(leads._rivals)
+    bias = candidate("beam_range_bias", -5.0, "range")
+    slopes = {"cyclic_range_error": 3.0, "range_walk": 1.0, "extrinsic_rotation": 2.0, "beam_range_bias": -30.0}
+
+    def cells_of(effect, problem, result, *, sector, sectors):
+        curvature = np.ones((drives, sectors))
+        return Cells(np.where(inside[:, None], slopes[effect.name], 0.0) - curvature, curvature, curvature)
+
+    monkeypatch.setattr(leads, "cells_of", cells_of)
+    rivals = inspect.unwrap(leads.rivals)
+    facts = SimpleNamespace(scene=None, sector=None, sectors=sectors)
+
+    def lead(whole):
+        question = SimpleNamespace(between_scenes=lambda scene: whole, inside=inside[None, :, None])
+        return SimpleNamespace(candidates=(first, wave, walk, turn, bias), finding=FoundRegion(question, 0, 0.01))
+
+    assert rivals(lead(inside[None]), None, facts) == (bias, wave, turn)
+    assert rivals(lead(None), None, facts) == (wave, walk, turn)
+
+
+def test_drives_told_by_their_readings_are_told_by_a_tag_where_it_divides_them_just_so():
     facts = SimpleNamespace(scene=None)
-    assert rivals(others, drives, facts) == (bias, elevation, wave)
-    assert rivals(others, sector, facts) == (elevation, wave, walk)
+    as_told = inspect.unwrap(leads._as_told)
+
+    def divided_by(divides, *scenes):
+        whole = np.stack([np.isin(np.arange(6), one) for one in scenes])
+        return SimpleNamespace(divides=divides, between_scenes=lambda scene: whole)
+
+    by_size = FoundRegion(divided_by("scene", [1, 3, 4]), 0, 0.002)
+    tags = [divided_by("tag", [0, 1, 3]), divided_by("tag", [0, 2], [1, 3, 4])]
+    assert as_told(by_size, tags, facts) == FoundRegion(tags[1], 1, 0.002)
+    assert as_told(by_size, tags[:1], facts) is by_size
