@@ -41,6 +41,7 @@ class Lead:
 
 
 def of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
+    """What divides every named effect."""
     leads: list[Lead] = []
     for k, step in enumerate(choice.steps):
         effect = step.chosen.effect
@@ -79,9 +80,11 @@ def of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequenc
             continue
         result = candidate.fits[0]
         for division in _divisions(candidate.effect, result, null, facts=facts, asked=arcs, told=asked):
-            of_sector = division.question.divides == "azimuth"
-            exists = of_sector or candidate.total > choice.bars.effect
-            others = [other for other in (likely if of_sector else tried) if other is not candidate]
+            # What divides whole scenes may be anything that they differ in; all have a part of a sector, or of a moment
+            # of their one drive.
+            of_scenes = division.question.between_scenes(facts.scene) is not None
+            exists = not of_scenes or candidate.total > choice.bars.effect
+            others = [other for other in (tried if of_scenes else likely) if other is not candidate]
             leads.append(Lead(division, (candidate, *others), None, result, exists=exists))
     return leads
 

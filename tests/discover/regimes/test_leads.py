@@ -44,7 +44,8 @@ def test_drives_and_sectors_are_asked_of_every_candidate_that_exists(monkeypatch
 
     def divisions(effect, result, problem, *, facts, asked, told):
         asked_of.append((effect.name, len(asked)))
-        return [FoundRegion(SimpleNamespace(divides="scene", between_scenes=lambda scene: None), 0, 0.01)]
+        drives = SimpleNamespace(between_scenes=lambda scene: np.ones((1, 11), bool))
+        return [FoundRegion(part, 0, 0.01) for part in (sectors, drives)]
 
     monkeypatch.setattr(leads, "_divisions", divisions)
     sectors = SimpleNamespace(between_scenes=lambda scene: None)
@@ -53,8 +54,12 @@ def test_drives_and_sectors_are_asked_of_every_candidate_that_exists(monkeypatch
     facts = SimpleNamespace(scene=None)
     found = inspect.unwrap(leads.of_candidates)(None, choice, facts=facts, asked=[sectors])
     assert asked_of == [("extrinsic_rotation", 1), ("atmospheric_extinction", 1)]
-    assert [lead.candidates for lead in found] == [(turn, haze, nothing), (haze, turn, nothing)]
+    assert [lead.candidates for lead in found[::2]] == [(turn, haze, nothing), (haze, turn, nothing)]
     assert all(lead.exists for lead in found)
+    # Of the strongest alone all scenes may have a part that is nothing over all of them.
+    weak = SimpleNamespace(**{**vars(choice), "first_ranking": (nothing,)})
+    found = inspect.unwrap(leads.of_candidates)(None, weak, facts=facts, asked=[sectors])
+    assert [lead.exists for lead in found] == [True, False]
 
 
 def test_rivals_in_some_drives_are_those_that_gain_most_there_forwards_or_back(monkeypatch):
