@@ -147,6 +147,7 @@ def name_effects(
     passed: list[tuple[Along, str]] = []
     decided = partial(decide, null, dependences=dependences, without=without, leaves_nothing=leaves_nothing)
     answer = decided(choice, but=unasked)
+    # A weak effect is no answer beside a strong one that the scenes dispute; nor is a curve that says no more.
     step = step_along(choice, answer.curve[0].channel, answer.curve[0].covariate) if answer.curve else None
     if step and not refuse(step, null):
         log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, beside a free curve along what it goes by")
