@@ -26,8 +26,8 @@ from jaxsim.discover.read.motion import register
 from jaxsim.discover.read.registration import MOTION_PARTS, POSE, Registration, least_motion
 from jaxsim.discover.regimes.chance import false_discovery_rates
 from jaxsim.discover.regimes.confine import frames_in
-from jaxsim.discover.regimes.find import OF_FIT
 from jaxsim.discover.regimes.questions import Facts, Question, questions
+from jaxsim.discover.regimes.sizes import OF_FIT
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, chance_of, clipped, orders_of
 from jaxsim.discover.verdict import Interval, Named, Regime

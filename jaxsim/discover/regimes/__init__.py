@@ -4,11 +4,12 @@ Letters: b blocks, a sectors of azimuth, n scenes (or sectors of few drives), k 
 In the order in which to read it:
 
     find_regimes    asks, fits, and puts effects in their regions (`find`)
-    cells           how strongly every scene and sector asks for an effect (`questions`)
+    cells_of        how strongly every scene and sector asks for an effect (`cells`)
     questions       what may divide it: moments, tags, sectors (`questions`)
     ranked          the regions worth looking at, of effects that are named or of candidates (`leads`)
     best_region     exact tests over scenes, the best of all regions (`chance`)
     confine         the effect fitted in its region, and whether another is the better name there (`confine`)
     JudgeScenes     whether scenes that nothing was fitted to gain by it (`confine` too)
+    sized           how large it is there, and outside (`sizes`)
     regime_of       the verdict's entry (`find`)
 """

@@ -21,7 +21,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.regimes.questions import Cells, Facts, Question
+from jaxsim.discover.regimes.cells import Cells
+from jaxsim.discover.regimes.questions import Facts, Question
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import chance_of, clipped, dealt, orders_of, signs_of
 from jaxsim.effects.region import Region

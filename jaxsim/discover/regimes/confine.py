@@ -15,7 +15,8 @@ from jaxsim.discover.model.likelihood import log_likelihood
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, much_richer, simplest, worse
-from jaxsim.discover.regimes.questions import Facts, arc, cells_of
+from jaxsim.discover.regimes.cells import cells_of
+from jaxsim.discover.regimes.questions import Facts, arc
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law

@@ -6,82 +6,40 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from jaxsim.discover.division import AllScenes, Division, NullModel
-from jaxsim.discover.model.fit import Problem, on_top
+from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.name.answer import Answer, named_answer, outdone, stands
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
 from jaxsim.discover.read.control import NO_CONTROL
-from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
+from jaxsim.discover.regimes.confine import JudgeScenes, confine, sharpened
 from jaxsim.discover.regimes.leads import Lead, of_candidates, of_named, ranked, rivals, without_step
-from jaxsim.discover.regimes.questions import Cells, Facts, cells_of, questions
+from jaxsim.discover.regimes.questions import Facts, questions
+from jaxsim.discover.regimes.sizes import Sized, sized, sizes_at, slopes_of
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import Interval, Regime
-from jaxsim.effects import Law
-from jaxsim.effects.region import Region, within
-from jaxsim.metrics.intervals import ratio_interval
-
-OF_FIT = "of the fit inside"
-"""Unit of sizes."""
+from jaxsim.discover.verdict import Regime
+from jaxsim.effects.region import Region
 
 
-class Sized(NamedTuple):
-    """An effect in its region, with its sizes in units of the fit there."""
-
-    confined: Confined
-    inside: Interval
-    outside: Interval
-
-
-def sizes(confined: Confined, facts: Facts) -> tuple[Interval, Interval]:
-    """The effect's size inside, and beside it outside, in units of the fit inside; intervals from the scatter of
-    scenes."""
-    law = confined.step.chosen.effect
-    # Outside is asked with the effect in place inside, where nothing is left to ask for.
-    opposite = within(confined.plain, confined.region, confined.frames, outside=True)
-    beside = replace(confined.problem, ev=on_top(law, confined.problem, confined.step.fit.z).ev)
-    inside = _cells(law, confined.problem, confined, facts=facts)
-    outside = _cells(opposite, beside, confined, facts=facts)
-    return _size(inside, facts), _size(outside, facts)
-
-
-def _cells(law: Law, problem: Problem, confined: Confined, *, facts: Facts) -> Cells:
-    """The cells of a law with the numbers of the fit in the region."""
-    return cells_of(law, problem, confined.step.fit, sector=facts.sector, sectors=facts.sectors)
-
-
-def _size(of: Cells, facts: Facts) -> Interval:
-    """The slope at none of the effect over the curvature: the step to the maximum."""
-    top = np.bincount(facts.scene, (of.slope + of.curvature).sum(1), facts.scene_count)
-    bottom = np.bincount(facts.scene, of.curvature.sum(1), facts.scene_count)
-    # Scenes that lie on the other side say nothing, and have no part in the scatter.
-    tells = bottom > RULES.regime_least_curvature * bottom.max()
-    top = top[tells]
-    bottom = bottom[tells]
-    return Interval(float(top.sum() / bottom.sum()), *ratio_interval(top, bottom), OF_FIT)
-
-
-def regime_of(sized: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:
+def regime_of(told: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
-    confined, divides = sized.confined, lead.finding.question.divides
-    whole = _cells(confined.plain, confined.problem, confined, facts=facts)
+    confined, divides = told.confined, lead.finding.question.divides
+    whole = slopes_of(confined.plain, confined.problem, confined)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
     columns = np.asarray(confined.region.in_sector(azimuth))
     counted = False
     if divides == "azimuth":
         x = azimuth[[(2 * k + 1) * len(azimuth) // (2 * facts.sectors) for k in range(facts.sectors)]]
-        size = _size_at(whole.slope.sum(0), whole.curvature.sum(0))
+        size = sizes_at(whole, facts.sector, facts.sectors)
         inside = np.asarray(confined.region.in_sector(x))
     else:
         # Of a single drive, whose sectors are its scenes, each has all moments: frames are shown instead.
         group = facts.scene if len(set(facts.names)) > 1 else np.unique(facts.frame, return_inverse=True)[1]
-        size = _size_at(np.bincount(group, whole.slope.sum(1)), np.bincount(group, whole.curvature.sum(1)))
+        size = sizes_at(whole, np.broadcast_to(group[:, None], facts.column.shape), int(group.max()) + 1)
         first = np.unique(group, return_index=True)[1]
         time_s = np.asarray(facts.scan.time_s, float)[facts.frame[first]]
         counted = len(np.unique(time_s)) < len(first)
@@ -92,8 +50,8 @@ def regime_of(sized: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> R
         divides=divides,
         where=confined.region,
         share=float(confined.frames.mean() * columns.mean()),
-        inside=sized.inside,
-        outside=sized.outside,
+        inside=told.inside,
+        outside=told.outside,
         p_value=lead.finding.p_value,
         q_value=lead.q_value,
         judge_nats=judge_nats,
@@ -103,12 +61,6 @@ def regime_of(sized: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> R
         held=tuple(map(bool, inside)),
         counted=counted,
     )
-
-
-def _size_at(slope: Float[np.ndarray, " k"], curvature: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """The size that each place asks for; NaN where next to nothing tells it."""
-    tells = curvature > RULES.regime_least_curvature * curvature.max()
-    return np.where(tells, 1 + slope / np.maximum(curvature, 1e-9), np.nan)
 
 
 @dataclass(frozen=True)
@@ -150,24 +102,24 @@ def find_regimes(
             beside = lead.step is None and lead.finding.question.divides == "scene" and controlled
             if beside or not _promising(lead, choice, regimes):
                 continue
-            sized = _sized(lead, null, choice, facts=facts)
-            if sized is None:
+            told = _sized(lead, null, choice, facts=facts)
+            if told is None:
                 continue
             # They are dear to make, and mostly nobody asks them.
             judge_scenes = judge_scenes or JudgeScenes.of(AllScenes.of(model))
-            trial = _with(null, choice, sized.confined.step, at=lead.step)
+            trial = _with(null, choice, told.confined.step, at=lead.step)
             # The free curve for which nothing was named may explain clearly more of a channel than an effect in a part,
             # too; what that says in other channels stands.
-            curve = answer.curve if lead.step is None and not stands_beside(answer, sized) else None
+            curve = answer.curve if lead.step is None and not stands_beside(answer, told) else None
             if curve and outdone(trial, *curve, numbers=curve_numbers(null, curve[0])):
                 continue
-            confined, gained = judge_scenes.gained(sized.confined, trial, choice, facts=facts)
+            confined, gained = judge_scenes.gained(told.confined, trial, choice, facts=facts)
             if gained <= 0:
                 continue
             log(f"{confined.plain.name} acts in a part alone: {confined.advantage:.0f} nats more than everywhere")
             # Judge scenes may have joined the region.
             choice = _with(null, choice, confined.step, at=lead.step)
-            regimes.append(regime_of(sized._replace(confined=confined), lead, gained, facts=facts))
+            regimes.append(regime_of(told._replace(confined=confined), lead, gained, facts=facts))
     if not regimes:
         return Divided(answer)
     named = named_answer(choice, without=without, but=answer.unasked)
@@ -176,9 +128,9 @@ def find_regimes(
     return Divided(replace(answer, **told), tuple(regimes))
 
 
-def stands_beside(answer: Answer, sized: Sized) -> bool:
+def stands_beside(answer: Answer, told: Sized) -> bool:
     """Whether an effect in its region stays named whatever the answer's free curve explains, if it has one."""
-    return answer.curve is None or stands(sized.confined.step, answer.curve[0].channel)
+    return answer.curve is None or stands(told.confined.step, answer.curve[0].channel)
 
 
 def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
@@ -212,9 +164,9 @@ def _sized(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Sized 
     if lead.step is not None and not lead.named and not worse(choice.steps[lead.step].chosen, chosen):
         return None
     # What may act outside as well is no regime, however much it gains inside; nor is what may be as little inside.
-    inside, outside = sizes(confined, facts)
-    apart = outside.high < min(RULES.regime_outside * inside.value, inside.low)
-    return Sized(confined, inside, outside) if apart else None
+    told = sized(confined, facts)
+    apart = told.outside.high < min(RULES.regime_outside * told.inside.value, told.inside.low)
+    return told if apart else None
 
 
 def _with(null: Problem, choice: Choice, confined: FittedStep, *, at: int | None) -> Choice:

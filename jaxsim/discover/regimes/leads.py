@@ -16,8 +16,9 @@ import numpy as np
 from jaxsim.discover.model.fit import Fit, Problem
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, with_steps
+from jaxsim.discover.regimes.cells import cells_of
 from jaxsim.discover.regimes.chance import FoundRegion, best_region, disputed, false_discovery_rates, scenes_by_size
-from jaxsim.discover.regimes.questions import Facts, Question, cells_of
+from jaxsim.discover.regimes.questions import Facts, Question
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law
 

@@ -1,10 +1,5 @@
-"""What may divide an effect (moments, tags, sectors), each question with all its regions; and how strongly every scene
-and sector asks for the effect.
-
-Let the effect be applied by a share k, 0 none of it and 1 as it was fitted: fields of the rays go along a line. The
-slope of the log-likelihood in k is a sum over rays, for the gradient in their fields is at hand and already knows what
-levels and poses would take up. Its change from k = 0 to 1 is the curvature. So any part of the rays has a size of its
-own, 1 + slope(1) / curvature, at the price of two gradients.
+"""What is known of the blocks, and what may divide an effect among them (moments, tags, sectors), each question with
+all its regions.
 """
 
 from __future__ import annotations
@@ -12,85 +7,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.fit import Fit, Objective, Problem
-from jaxsim.discover.model.gradients import EffectGradient, Fields, effect_with_gradient
 from jaxsim.discover.rules import RULES
-from jaxsim.effects import Law
 from jaxsim.effects.places import spans_turn
 from jaxsim.effects.region import Region, Span
 from jaxsim.effects.scan import Scan
-from jaxsim.frame import Array
-
-
-@dataclass(frozen=True)
-class Cells:
-    """Rays of each block (b) and sector (a) together."""
-
-    slope: Float[np.ndarray, "b a"]
-    """Slope of the log-likelihood in the effect's share, where it is in place: nats. Positive asks for more of it."""
-    curvature: Float[np.ndarray, "b a"]
-    """What the slope falls by from none of the effect to all of it."""
-    squares: Float[np.ndarray, "b a"]
-    """Sum of squares of the rays' own slopes: how far the slope may be by chance. The curvature says as much where the
-    size fits; where it is far off, readings lie on the tails of the noise, which hardly bend."""
-
-    @property
-    def excess(self) -> Float[np.ndarray, "b a"]:
-        """The slope, less what all cells would have if one size served them all."""
-        return self.slope - self.curvature * self.slope.sum() / max(self.curvature.sum(), 1e-9)
-
-    def folded(self) -> Cells:
-        """Neighbouring pairs of sectors as one."""
-
-        def pairs(part: Float[np.ndarray, "b a"]) -> Float[np.ndarray, "b h"]:
-            return part[:, ::2] + part[:, 1::2]
-
-        return Cells(pairs(self.slope), pairs(self.curvature), pairs(self.squares))
-
-
-def cells_of(effect: Law, problem: Problem, result: Fit, *, sector: Int[np.ndarray, "b c"], sectors: int) -> Cells:
-    """The cells of an effect that was fitted on top of `problem`; `sector`, of so many, is that of blocks' columns."""
-    objective = Objective(effect, problem)
-    neutral, _ = objective.restore(objective.first)
-    before = effect_with_gradient(effect, neutral, objective.rays, scan=problem.scan)
-    after = effect_with_gradient(effect, result.z, objective.rays, scan=problem.scan)
-    # Of rays that meet another surface there is no share.
-    same = before.constant["hit"] == after.constant["hit"]
-
-    def slope_at(state: EffectGradient) -> Float[np.ndarray, "b c r"]:
-        by_fields = objective.gradient_at(state.fields, state.constant, result.noise).by_fields
-        # In float64: cells are differences of sums over thousands of rays.
-        return np.asarray(_slope(by_fields, before.fields, after.fields, same=same), np.float64)
-
-    def summed(of_rays: Float[np.ndarray, "b c r"]) -> Float[np.ndarray, "b a"]:
-        total = np.zeros((len(sector), sectors))
-        np.add.at(total, (np.arange(len(sector))[:, None], sector), of_rays.sum(-1))
-        return total
-
-    # Two gradients stand for a second derivative: along the line the likelihood is close to a parabola.
-    of_rays = slope_at(after)
-    slope = summed(of_rays)
-    curvature = summed(slope_at(before)) - slope
-    # A cell of few rays may bend upwards by chance; it then counts for next to nothing.
-    least = 0.01 * max(float(curvature.mean()), 1e-6)
-    return Cells(slope, np.maximum(curvature, least), summed(of_rays**2))
-
-
-@jax.jit
-def _slope(by_fields: Fields, before: Fields, after: Fields, *, same: Array) -> Float[Array, "b c r"]:
-    """The log-likelihood's slope along the way between two states of the rays, ray by ray."""
-    total = jnp.zeros(same.shape)
-    for name, gradient in by_fields.items():
-        change = after[name] - before[name]
-        # Numbers of all rays together belong to no cell.
-        if jnp.ndim(change) == same.ndim:
-            total = total - jnp.where(same & jnp.isfinite(change) & (change != 0), gradient * change, 0.0)
-    return total
 
 
 @dataclass(frozen=True)

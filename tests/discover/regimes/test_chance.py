@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import false_discovery_control
 
+from jaxsim.discover.regimes.cells import Cells
 from jaxsim.discover.regimes.chance import best_region, divided, existing, false_discovery_rates, flipped
-from jaxsim.discover.regimes.questions import Cells, Question
+from jaxsim.discover.regimes.questions import Question
 from jaxsim.discover.scenes import dealt
 from jaxsim.effects.region import Region
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from jaxsim.discover.regimes import leads
+from jaxsim.discover.regimes.cells import Cells
 from jaxsim.discover.regimes.chance import FoundRegion
-from jaxsim.discover.regimes.questions import Cells
 from tests.discover.name.made import candidate
 
 

@@ -14,9 +14,10 @@ from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.regimes import find
 from jaxsim.discover.regimes.chance import FoundRegion
 from jaxsim.discover.regimes.confine import Confined
-from jaxsim.discover.regimes.find import OF_FIT, Sized, find_regimes, regime_of
+from jaxsim.discover.regimes.find import find_regimes, regime_of
 from jaxsim.discover.regimes.leads import Lead
-from jaxsim.discover.regimes.questions import Cells, Facts, Question
+from jaxsim.discover.regimes.questions import Facts, Question
+from jaxsim.discover.regimes.sizes import OF_FIT, SIZE_SHARES, Sized
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects.region import Region
 from tests.discover.name.made import candidate, problem, step
@@ -34,7 +35,7 @@ def test_scenes_are_counted_only_where_frames_say_no_moment_of_their_own(monkeyp
     column = np.broadcast_to(np.arange(60), (FRAMES, 60))
     drives = tuple(f"drive {k}" for k in frame)
     facts = Facts(replace(scan, time_s=times.astype(np.float32)), drives, frame, frame, column)
-    monkeypatch.setattr(find, "cells_of", lambda *_, **more: Cells(*np.ones((3, FRAMES, more["sectors"]))))
+    monkeypatch.setattr(find, "slopes_of", lambda *_: np.ones((len(SIZE_SHARES), FRAMES, 60)))
     chosen = candidate("beam_gain", 4.0)
     late = Confined(step(chosen), chosen.effect, Region(time_s=(2.5, None)), frame > 2, problem(), 20.0)
     size = Interval(1.0, 0.9, 1.1, OF_FIT)
