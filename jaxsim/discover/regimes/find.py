@@ -13,7 +13,7 @@ from jaxsim.discover.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.name.answer import Answer, named_answer, outdone, stands
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
+from jaxsim.discover.name.select import Choice, FittedStep, Log, needless, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.regimes.confine import JudgeScenes, confine, sharpened
@@ -122,10 +122,25 @@ def find_regimes(
             regimes.append(regime_of(told._replace(confined=confined), lead, gained, facts=facts))
     if not regimes:
         return Divided(answer)
+    choice = _needed(null, choice, log=log)
     named = named_answer(choice, without=without, but=answer.unasked)
     told = {name: getattr(named, name) for name in ("verdict", "choice", "unexplained", "curve")}
     # What else the answer knows (nulls, what was found and is not said) holds of the parts as well.
     return Divided(replace(answer, **told), tuple(regimes))
+
+
+def _needed(null: Problem, choice: Choice, *, log: Log) -> Choice:
+    """The choice without effects that only mended what another did wrong while it acted everywhere."""
+    # `needless` takes the last for granted: those with a region are.
+    steps = sorted(choice.steps, key=lambda step: step.chosen.effect.name != step.chosen.effect.plain_name)
+    gone: list[str] = []
+    while (k := needless(null, steps, choice.bars, log=log)) is not None:
+        gone.append(steps.pop(k).chosen.effect.plain_name)
+    if not gone:
+        return choice
+    kept = tuple(step for step in choice.steps if step in steps)
+    problem = with_steps(null, kept)
+    return replace(choice, steps=kept, problem=problem, needless=(*choice.needless, *gone))
 
 
 def stands_beside(answer: Answer, told: Sized) -> bool:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jaxsim.discover.name import select
 from jaxsim.discover.name.answer import UNFOUNDED, Answer
 from jaxsim.discover.name.other_sides import EXCHANGED
 from jaxsim.discover.name.select import Choice
@@ -19,7 +20,7 @@ from jaxsim.discover.regimes.leads import Lead
 from jaxsim.discover.regimes.questions import Facts, Question
 from jaxsim.discover.regimes.sizes import OF_FIT, SIZE_SHARES, Sized
 from jaxsim.discover.verdict import Interval
-from jaxsim.effects.region import Region
+from jaxsim.effects.region import Region, within
 from tests.discover.name.made import candidate, problem, step
 from tests.discover.toy import toy
 from tests.report.made_regimes import regime
@@ -64,6 +65,7 @@ def divide(monkeypatch, lead: Lead, answer: Answer, *, controlled: bool = False,
         "of_candidates": lambda *given, **more: [] if lead.named else [lead],
         "_sized": lambda *given, **more: Sized(confined, *[Interval(1.0, 0.9, 1.1, OF_FIT)] * 2),
         "_with": lambda null, choice, *given, **more: choice,
+        "_needed": lambda null, choice, **more: choice,
         "regime_of": lambda *given, **more: regime(Region(time_s=(2.5, None))),
         "AllScenes": SimpleNamespace(of=lambda model: None),
         "JudgeScenes": SimpleNamespace(of=lambda scenes: judge),
@@ -97,3 +99,27 @@ def test_beside_a_control_drives_that_only_readings_tell_apart_name_nothing(monk
     none = Answer("none", Choice((), (), problem()), None)
     divided, _ = divide(monkeypatch, lead_of(divides, step=None), none, controlled=controlled)
     assert len(divided.regimes) == regimes
+
+
+def test_what_only_mended_an_effect_while_it_acted_everywhere_is_taken_back(monkeypatch):
+    """A sector's falloff, fitted to all directions, left a dirty window in that sector."""
+    chosen = candidate("range_falloff", 700.0)
+    inside = within(chosen.effect, Region(azimuth_rad=(-0.5, 1.4)), np.ones(FRAMES, bool))
+    confined = step(replace(chosen, effect=inside))
+    window = step(candidate("window_contamination", 21.0))
+    noise = step(candidate("range_noise", 50.0, "range"))
+    asked = []
+
+    def rank_effects(beside, effects):
+        asked.extend(effect.name for effect in effects)
+        return [candidate(effect.name, {"window_contamination": -3.0}.get(effect.name, 50.0)) for effect in effects]
+
+    monkeypatch.setattr(select, "rank_effects", rank_effects)
+    for module, name in ((select, "with_steps"), (find, "with_steps"), (select, "together")):
+        monkeypatch.setattr(module, name, lambda null, steps: null)
+    choice = Choice((confined, window, noise), (), problem())
+    left = find._needed(problem(), choice, log=lambda line: None)
+    assert left.steps == (confined, noise)
+    assert left.needless == ("window_contamination",)
+    # The effect in its region was shown to be needed when it was put there.
+    assert confined.chosen.effect.name not in asked
