@@ -9,7 +9,7 @@ In the order in which to read it:
     ranked          the regions worth looking at, of effects that are named or of candidates (`leads`)
     best_region     exact tests over scenes, the best of all regions (`chance`)
     confine         the effect fitted in its region, and whether another is the better name there (`confine`)
-    JudgeScenes     whether scenes that nothing was fitted to gain by it (`confine` too)
     sized           how large it is there, and outside (`sizes`)
+    JudgeScenes     whether scenes that nothing was fitted to gain by it (`judge`)
     regime_of       the verdict's entry (`find`)
 """

@@ -1,5 +1,4 @@
-"""An effect fitted in a region alone: the region's ends, how the effect is called there, how much it gains, and what
-judge scenes, to which nothing was fitted, say of it."""
+"""An effect fitted in a region alone: the region's ends, how the effect is called there, and how much it gains."""
 
 from __future__ import annotations
 
@@ -7,14 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
-from jaxsim.discover.division import AllScenes
-from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
-from jaxsim.discover.model.likelihood import log_likelihood
-from jaxsim.discover.model.noise import Noise
+from jaxsim.discover.model.fit import Fit, Problem, fit
 from jaxsim.discover.name.candidates import Candidate, rank_effects
-from jaxsim.discover.name.select import Choice, FittedStep, much_richer, simplest, worse
+from jaxsim.discover.name.select import FittedStep, much_richer, simplest, worse
 from jaxsim.discover.regimes.cells import cells_of
 from jaxsim.discover.regimes.questions import Facts, arc
 from jaxsim.discover.rules import RULES
@@ -108,68 +104,3 @@ def sharpened(region: Region, effect: Law, result: Fit, *, problem: Problem, fac
     if end <= begin:
         return region
     return arc(facts.scan, first - before + begin, end - begin)
-
-
-@dataclass(frozen=True)
-class JudgeScenes:
-    """All scenes with the null in place."""
-
-    scenes: AllScenes
-    base: Problem
-    """The null there."""
-
-    @classmethod
-    def of(cls, scenes: AllScenes) -> JudgeScenes:
-        """All scenes of a null model."""
-        return cls(scenes, scenes.with_effects())
-
-    def halves(self) -> tuple[JudgeScenes, JudgeScenes]:
-        """The same with every second column alone: even ones, and odd ones."""
-        return self._every_second(0), self._every_second(1)
-
-    def _every_second(self, first: int) -> JudgeScenes:
-        division = self.scenes.division
-        chosen = replace(division.blocks, column=division.blocks.column[:, first::2])
-        return JudgeScenes.of(AllScenes.of(self.scenes.null, division.looking_at(chosen)))
-
-    def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
-        """Each block's log-likelihood, nats, at the weights of the null."""
-        at = {"equations": self.base.equations, "in_fit": self.scenes.in_fit, "clutter": problem.clutter}
-        return np.asarray(log_likelihood(problem.ev, noise, **at)).sum(-1)
-
-    def gained(self, confined: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
-        """The effect in its region, and what judge scenes gain with the choice `trial`, in which it acts there alone,
-        over `choice`. Where only drives' own readings divide them, the judge scenes that it suits join its region: by
-        their even columns, and the odd ones say what they gain, for scenes that are asked whether they would gain and
-        then join cannot but gain."""
-        judging = self
-        if confined.region.scenes:
-            choosing, judging = self.halves()
-            confined, trial = choosing._joined(confined, trial, facts)
-        # At the equations of one null, each with the noise that it leaves: what differs is the region alone.
-        judged = judging.scenes.in_fit == 0
-        return confined, float((judging._with(trial) - judging._with(choice))[judged].sum())
-
-    def _with(self, choice: Choice) -> Float[np.ndarray, " b"]:
-        """Each block's log-likelihood with what is chosen in place."""
-        chosen = all_on_top([step.placed for step in choice.steps], self.base, simulated=True)
-        return self.likelihood(chosen, choice.problem.noise)
-
-    def likelier_with(self, law: Law, result: Fit) -> Bool[np.ndarray, " b"]:
-        """Which blocks are likelier with an effect as it was fitted elsewhere than without it."""
-        # As a simulation has it: readings that were reported have no say in what is held against them.
-        everywhere = on_top(law, self.base, result.z, simulated=True)
-        return self.likelihood(everywhere, result.noise) > self.likelihood(self.base, self.base.noise)
-
-    def _joined(self, confined: Confined, trial: Choice, facts: Facts) -> tuple[Confined, Choice]:
-        """Takes in the judge scenes that are likelier with the effect than without it."""
-        law = confined.step.chosen.effect
-        better = self.likelier_with(confined.plain, confined.step.fit)
-        judged = self.scenes.in_fit == 0
-        names = {facts.names[k] for k in self.scenes.division.blocks.frame[judged & better].tolist()}
-        region = Region(scenes=tuple(sorted({*confined.region.scenes, *names})))
-        frames: Bool[np.ndarray, " f"] = np.isin(facts.names, region.scenes)
-        wider = within(confined.plain, region, frames)
-        step = replace(confined.step, chosen=replace(confined.step.chosen, effect=wider))
-        steps = tuple(step if old.chosen.effect is law else old for old in trial.steps)
-        return replace(confined, step=step, region=region, frames=frames), replace(trial, steps=steps)

@@ -75,15 +75,16 @@ def of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequenc
     likely = [candidate for candidate in tried if candidate.rough_nats > RULES.bar_nats] or tried
     arcs = [question for question in asked if question.between_scenes(facts.scene) is None]
     for k, candidate in enumerate(likely[: 1 + RULES.regime_rivals]):
-        # The strongest may stand in for another in a part, and scenes' disputes make any of them look weak; an effect
-        # that they do not show at all they do not dispute.
-        if k and candidate.total <= choice.bars.effect:
-            continue
+        # The strongest may stand in for another in a part, and scenes' disputes make any of them look weak; what they
+        # do not show at all they do not dispute. What all of them show in an arc alone may be weak in the whole.
+        shown = not k or candidate.total > choice.bars.effect
         result = candidate.fits[0]
         for division in _divisions(candidate.effect, result, null, facts=facts, asked=arcs, told=asked):
             # What divides whole scenes may be anything that they differ in; all have a part of a sector, or of a moment
             # of their one drive.
             of_scenes = division.question.between_scenes(facts.scene) is not None
+            if of_scenes and not shown:
+                continue
             exists = not of_scenes or candidate.total > choice.bars.effect
             others = [other for other in (tried if of_scenes else likely) if other is not candidate]
             leads.append(Lead(division, (candidate, *others), None, result, exists=exists))

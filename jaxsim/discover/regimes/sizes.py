@@ -11,9 +11,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.fit import Problem, on_top
+from jaxsim.discover.model.parameters import fitted_parameters
 from jaxsim.discover.regimes.cells import Shares
 from jaxsim.discover.regimes.confine import Confined
 from jaxsim.discover.regimes.questions import Facts
@@ -28,8 +29,7 @@ OF_FIT = "of the fit inside"
 SIZE_SHARES = np.array([0.0, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0])
 """Shares at which slopes are taken: close together where losses and noises of next to nothing change theirs most."""
 SIZE_ENDS = (-1.0, 3.0)
-"""Sizes beyond these are told as these: no line holds so far out. Of losses, of which none is the least, a part that
-lost nothing has no maximum at all."""
+"""Sizes beyond these are told as these: no line holds so far out."""
 
 
 class Sized(NamedTuple):
@@ -48,7 +48,14 @@ def sized(confined: Confined, facts: Facts) -> Sized:
     beside = replace(confined.problem, ev=on_top(law, confined.problem, confined.step.fit.z).ev)
     inside = _of_scenes(slopes_of(law, confined.problem, confined), facts)
     outside = _of_scenes(slopes_of(opposite, beside, confined), facts)
-    return Sized(confined, size_of(inside), size_of(outside))
+    least = least_size(confined.plain)
+    return Sized(confined, size_of(inside, least), size_of(outside, least))
+
+
+def least_size(law: Law) -> float:
+    """The least size that there is: of losses no less than none."""
+    one_sided = all(p.low == p.neutral for p in fitted_parameters(law).values())
+    return 0.0 if one_sided else SIZE_ENDS[0]
 
 
 def slopes_of(law: Law, problem: Problem, confined: Confined) -> Float[np.ndarray, "k b c"]:
@@ -57,19 +64,22 @@ def slopes_of(law: Law, problem: Problem, confined: Confined) -> Float[np.ndarra
     return np.stack([shares.slope(float(share)).sum(-1) for share in SIZE_SHARES])
 
 
-def sizes_at(slopes: Float[np.ndarray, "k b c"], group: Int[np.ndarray, "b c"], groups: int) -> Float[np.ndarray, " g"]:
-    """The size that each group of columns asks for; NaN where next to nothing tells it."""
+def sizes_at(
+    slopes: Float[np.ndarray, "k b c"], group: Int[np.ndarray, "b c"], groups: int, *, least: float = SIZE_ENDS[0]
+) -> Float[np.ndarray, " g"]:
+    """The size, no less than `least`, that each group of columns asks for; NaN where next to nothing tells it."""
     by_group = np.stack([np.bincount(group.ravel(), slope.ravel(), groups) for slope in slopes])
-    return np.where(_tells(by_group), share_of(by_group), np.nan)
+    return np.where(_tells(by_group), np.maximum(share_of(by_group), least), np.nan)
 
 
-def size_of(by_scene: Float[np.ndarray, "k n"]) -> Interval:
-    """The size that all scenes ask for together."""
+def size_of(by_scene: Float[np.ndarray, "k n"], least: float = SIZE_ENDS[0]) -> Interval:
+    """The size, no less than `least`, that all scenes ask for together."""
     # Scenes that lie on the other side say nothing, and have no part in the scatter.
     tell = by_scene[:, _tells(by_scene)]
     total = tell.sum(1, keepdims=True)
     value = float(share_of(total)[0])
-    return Interval(value, *jackknife_interval(value, share_of(total - tell)), OF_FIT)
+    low, high = jackknife_interval(value, share_of(total - tell))
+    return Interval(max(value, least), max(low, least), max(high, least), OF_FIT)
 
 
 def share_of(slopes: Float[np.ndarray, "k n"]) -> Float[np.ndarray, " n"]:
@@ -83,7 +93,8 @@ def share_of(slopes: Float[np.ndarray, "k n"]) -> Float[np.ndarray, " n"]:
     steeper = np.maximum(first - last, (first - slopes[1]) / SIZE_SHARES[1])
     with np.errstate(divide="ignore", invalid="ignore"):
         between = SIZE_SHARES[k] + (SIZE_SHARES[k + 1] - SIZE_SHARES[k]) * above / (above - below)
-        beyond = first / np.where(first > 0, first - last, steeper)
+        below_none = np.where(steeper > 0, first / steeper, SIZE_ENDS[0])
+        beyond = np.where(first > 0, first / (first - last), below_none)
     return np.where((first > 0) & (last <= 0), between, np.clip(beyond, *SIZE_ENDS))
 
 
@@ -91,7 +102,7 @@ def _of_scenes(slopes: Float[np.ndarray, "k b c"], facts: Facts) -> Float[np.nda
     return np.stack([np.bincount(facts.scene, slope.sum(1), facts.scene_count) for slope in slopes])
 
 
-def _tells(by_group: Float[np.ndarray, "k n"]) -> np.ndarray:
-    """Where the likelihood bends enough to tell a size."""
-    curvature = by_group[0] - by_group[-1]
-    return curvature > RULES.regime_least_curvature * curvature.max()
+def _tells(by_group: Float[np.ndarray, "k n"]) -> Bool[np.ndarray, " n"]:
+    """Where the likelihood bends enough to tell a size, or falls from none on: where nothing is lost it is a line."""
+    clear = np.maximum(by_group[0] - by_group[-1], -by_group[0])
+    return clear > RULES.regime_least_curvature * clear.max()

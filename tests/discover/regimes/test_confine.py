@@ -1,28 +1,21 @@
 """What scenes and sectors ask for, and an effect fitted where it acts."""
 
-import inspect
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from jaxsim.discover.division import AllScenes
-from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit
-from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.parameters import to_values, to_z
+from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.regimes.cells import cells_of
 from jaxsim.discover.regimes.chance import best_region, scenes_by_size
-from jaxsim.discover.regimes.confine import JudgeScenes, confine, named_in_part
+from jaxsim.discover.regimes.confine import confine, named_in_part
 from jaxsim.discover.regimes.questions import questions
 from jaxsim.discover.regimes.sizes import sized
 from jaxsim.effects import EFFECTS
-from jaxsim.effects.region import Region
 from tests.discover.name.made import candidate
 from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
-from tests.discover.toy import device, toy
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
 GAIN = EFFECTS["beam_gain"]
@@ -113,40 +106,3 @@ def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
     assert found is not None
     assert found.p_value < 0.02
     assert found.question.regions[0].scenes == ("drive 0", "drive 3", "drive 4", "drive 8")
-
-
-def test_what_judge_scenes_are_held_to_does_not_rest_on_what_they_report(standard_promotion):
-    """Two frames have a walk of their predicted intensities, and report dark walls and a bright road."""
-    walk = {"amplitude_m": 0.3, "intensity": 0.1}
-    scan, measured = toy(frames=9)
-    apart = np.arange(9) >= 7
-    road = np.asarray(scan.semantic) == 7
-    off_m = np.where(apart[:, None, None], 0.3 * np.exp(-np.asarray(scan.intensity) / 0.1), 0)
-    light = measured.intensity * np.where(apart[:, None, None], np.where(road, 8.0, 0.1), 1.0)
-    read_m = np.where(measured.valid, measured.range_m + off_m, 0)
-    measured = replace(measured, range_m=read_m.astype(np.float32), intensity=light.astype(np.float32))
-    scan, measured = device(scan, measured)
-    frame = np.arange(9)
-    column = np.broadcast_to(np.arange(0, 60, 2), (9, 30))
-    in_fit = (frame < 6).astype(np.float32)
-    null = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), in_fit)
-    law = EFFECTS["range_walk"]
-    result = replace(fit(law, null, in_fit, steps=1), z=to_z(law, walk, 16), noise=null.noise)
-    scenes = object.__new__(AllScenes)
-    object.__setattr__(scenes, "in_fit", in_fit)
-    judge = JudgeScenes(scenes, null)
-    np.testing.assert_array_equal(judge.likelier_with(law, result)[6:], apart[6:])
-
-
-def test_judge_scenes_join_by_half_of_their_columns_and_the_other_half_says_what_they_gain(monkeypatch):
-    """Scenes that join because they gain could not but gain."""
-    one, wider = SimpleNamespace(region=Region(scenes=("a",))), SimpleNamespace()
-    joined, before = SimpleNamespace(), SimpleNamespace()
-    nats = {id(joined): np.array([9.0, -2.0, -1.0]), id(before): np.array([0.0, 0.5, 0.5])}
-    choosing = SimpleNamespace(_joined=lambda *_: (wider, joined))
-    scenes = SimpleNamespace(in_fit=np.array([1.0, 0.0, 0.0]))
-    asked = SimpleNamespace(scenes=scenes, _with=lambda choice: nats[id(choice)])
-    monkeypatch.setattr(JudgeScenes, "halves", lambda self: (choosing, asked))
-    judge = object.__new__(JudgeScenes)
-    gained = inspect.unwrap(JudgeScenes.gained)
-    assert gained(judge, one, joined, before, facts=None) == (wider, -4.0)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.regimes.sizes import SIZE_SHARES, share_of, size_of, sizes_at
+from jaxsim.discover.regimes.sizes import SIZE_SHARES, least_size, share_of, size_of, sizes_at
+from jaxsim.effects import EFFECTS
 
 RAYS = 1000
 BASE, LOST = 0.001, 0.1
@@ -30,6 +31,16 @@ def test_of_losses_it_is_that_of_the_most_likely_share(lost):
 
 def test_a_part_that_lost_nothing_is_not_told_to_have_lost_many_times_less_than_nothing():
     assert share_of(slopes_of_losses(0)[:, None])[0] == -1
+
+
+def test_parts_that_lost_nothing_at_all_say_for_certain_that_the_effect_is_not_there():
+    """Their likelihood is a line that falls from none on; scenes of the other side have no slope."""
+    nothing = -np.full((len(SIZE_SHARES), 4), LOST * RAYS) - SIZE_SHARES[:, None]
+    of_scenes = np.hstack([nothing, np.zeros((len(SIZE_SHARES), 3))])
+    size = size_of(of_scenes, least_size(EFFECTS["random_dropout"]))
+    assert (size.value, size.low, size.high) == (0, 0, 0)
+    # A gain may be the opposite elsewhere.
+    assert least_size(EFFECTS["beam_gain"]) < 0
 
 
 def test_scenes_that_lose_next_to_nothing_say_for_certain_that_they_lose_nothing_at_random():
