@@ -60,7 +60,7 @@ class JudgeScenes:
             wider = (
                 choosing._with_drives(confined, facts) if region.scenes else choosing._between_moments(confined, facts)
             )
-            confined, trial = _in_region(wider, confined, trial, facts)
+            confined, trial = _in_region(wider, confined, trial, facts=facts)
         # At the equations of one null, each with the noise that it leaves: what differs is the region alone.
         judged = judging.scenes.in_fit == 0
         return confined, float((judging._with(trial) - judging._with(choice))[judged].sum())
@@ -117,7 +117,7 @@ def best_moment(
     return float(cuts[np.argmax((inside & between) @ gain)])
 
 
-def _in_region(region: Region, confined: Confined, trial: Choice, facts: Facts) -> tuple[Confined, Choice]:
+def _in_region(region: Region, confined: Confined, trial: Choice, *, facts: Facts) -> tuple[Confined, Choice]:
     """The effect in another region, and the choice with it there."""
     if region == confined.region:
         return confined, trial

@@ -52,7 +52,7 @@ def test_judge_scenes_join_by_half_of_their_columns_and_the_other_half_says_what
     choosing = SimpleNamespace(_with_drives=lambda *_: Region(scenes=("a", "b")))
     scenes = SimpleNamespace(in_fit=np.array([1.0, 0.0, 0.0]))
     asked = SimpleNamespace(scenes=scenes, _with=lambda choice: nats[id(choice)])
-    monkeypatch.setattr(judge, "_in_region", lambda *_: (wider, joined))
+    monkeypatch.setattr(judge, "_in_region", lambda *_, facts: (wider, joined))
     monkeypatch.setattr(JudgeScenes, "halves", lambda self: (choosing, asked))
     gained = inspect.unwrap(JudgeScenes.gained)
     assert gained(object.__new__(JudgeScenes), one, joined, before, facts=None) == (wider, -4.0)
