@@ -70,10 +70,15 @@ def scene_means(frames: Iterable[tuple[str, Float[np.ndarray, " k"]]]) -> Float[
 
 
 def folds(scene: Int[np.ndarray, " b"], count: int = RULES.folds) -> Float[np.ndarray, "k b"]:
-    """For each fold, 1 for the blocks that are fitted and 0 for those held out; blocks of a scene stay together."""
+    """For each fold, 1 for the blocks that are fitted and 0 for those held out; blocks of a scene stay together.
+
+    Of each `count` scenes in a row every fold holds out one, in an order of chance: folds are alike in time, and where
+    every third drive has something that the others have not, no fold has all of these."""
     scenes = np.unique(scene)
     count = min(count, len(scenes))
-    group = np.searchsorted(scenes, scene) % count
+    chance = np.random.default_rng(0)
+    dealt = np.concatenate([chance.permutation(count) for _ in range(-(-len(scenes) // count))])
+    group = dealt[np.searchsorted(scenes, scene)]
     return (group[None, :] != np.arange(count)[:, None]).astype(np.float32)
 
 

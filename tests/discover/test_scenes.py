@@ -117,3 +117,12 @@ def test_the_interval_of_a_difference_without_scatter_is_a_point():
 def test_correlations_of_ranks_are_spearmans_with_ties_too(values):
     first, second = np.random.default_rng(values).integers(0, values, (2, 50)).astype(float)
     assert rank_correlation(first, first + second) == pytest.approx(spearmanr(first, first + second)[0], abs=1e-12)
+
+
+def test_what_every_third_drive_has_is_not_all_in_one_fold():
+    scenes = np.arange(12)
+    held_out = folds(scenes, 3) == 0
+    for first in range(3):
+        assert (held_out[:, first::3].sum(1) > 0).sum() >= 2
+    # Each fold holds out one of every three in a row.
+    assert (held_out.reshape(3, 4, 3).sum(2) == 1).all()
