@@ -17,6 +17,7 @@ from jaxsim.discover.knocked import Knock, find_knock
 from jaxsim.discover.mounting import Mounting, place_mounting, refine_lift
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.read import Comparison
+from jaxsim.discover.unsteady import is_unsteady, steadied
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
 
@@ -66,12 +67,16 @@ def place(comparison: Comparison, catalogue: Sequence[Effect], known: SensorMode
         mounting = replace(mounting, comparison=knock.brought(mounting.comparison))
         catalogue = [effect for effect in catalogue if effect.name not in knock.effects]
         division = Division.of(mounting.comparison)
+    elif is_unsteady(mounting.comparison):
+        log("frames stand each a little elsewhere: every simulated one is brought to where its partner stood")
+        mounting = replace(mounting, comparison=steadied(mounting.comparison))
+        division = Division.of(mounting.comparison, parts=parts)
     found = find_dependences(division, mounting.known)
     finer = refine_lift(comparison, mounting, found.null.problem, known=known)
     # What the null says rests on where the sensor stands: it is asked again from there.
     if finer is not mounting:
-        mounting = finer
-        found = find_dependences(Division.of(finer.comparison), finer.known)
+        mounting = replace(finer, comparison=steadied(finer.comparison)) if mounting.comparison.own_places else finer
+        found = find_dependences(Division.of(mounting.comparison), mounting.known)
     of_drive = ask_pieces(found.null, catalogue, log=log)
     if of_drive.effects:
         mounting = replace(mounting, known=of_drive.known)

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.motion import register
 from jaxsim.discover.read.registration import Registration
 from jaxsim.effects.scan import scan_of
@@ -23,6 +24,7 @@ def rooms(count: int, seed: int = 0):
 
 
 STILL = (0.0,) * 6
+NAMES = tuple(f"s{k}" for k in range(12))
 
 
 def seen(
@@ -59,3 +61,18 @@ def registered(ours, theirs, names) -> Registration:
     """The registration of simulated and measured rooms."""
     measured = measured_of(theirs)
     return register(scan_of(GRID, ours), measured.range_m, measured.valid, scenes=names)
+
+
+def comparison(poses, **more) -> Comparison:
+    rng = np.random.default_rng(2)
+    streets = rooms(len(NAMES))
+    ours = [seen(room) for room in streets]
+    poses = np.broadcast_to(poses, (len(NAMES), 6))
+    theirs = [seen(r, p, noise_m=0.02, rng=rng, **more) for r, p in zip(streets, poses, strict=True)]
+    scan = scan_of(GRID, ours)
+    return Comparison(scan, measured_of(theirs), NAMES, NAMES, registration=registered(ours, theirs, NAMES))
+
+
+def off_m(one: Comparison) -> float:
+    both = one.scan.hit & one.measured.valid
+    return float(np.median(np.abs(one.scan.range_m - one.measured.range_m)[both]))

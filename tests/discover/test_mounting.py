@@ -24,7 +24,6 @@ from jaxsim.discover.mounting import (
     registered_of,
     seen_from,
 )
-from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.registration import LIFT, MOTION_PARTS
 from jaxsim.discover.scenes import p_value, split_scenes
 from jaxsim.discover.verdict import Interval
@@ -33,26 +32,10 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarImage
-from tests.discover.rooms import GRID, measured_of, registered, rooms, seen
+from tests.discover.rooms import GRID, NAMES, comparison, off_m, rooms, seen
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 POSES = np.array([[0.4, -0.2, 0.1, 0, 0, 0], [0, 0, 0, 0.01, -0.005, 0.03], [3.0, 0, 0, 0, 0, 0.02]])
-NAMES = tuple(f"s{k}" for k in range(12))
-
-
-def comparison(poses, **more) -> Comparison:
-    rng = np.random.default_rng(2)
-    streets = rooms(len(NAMES))
-    ours = [seen(room) for room in streets]
-    poses = np.broadcast_to(poses, (len(NAMES), 6))
-    theirs = [seen(r, p, noise_m=0.02, rng=rng, **more) for r, p in zip(streets, poses, strict=True)]
-    scan = scan_of(GRID, ours)
-    return Comparison(scan, measured_of(theirs), NAMES, NAMES, registration=registered(ours, theirs, NAMES))
-
-
-def off_m(one: Comparison) -> float:
-    both = one.scan.hit & one.measured.valid
-    return float(np.median(np.abs(one.scan.range_m - one.measured.range_m)[both]))
 
 
 def test_a_turned_sensor_is_named_with_its_interval_and_its_frames_are_brought_there():

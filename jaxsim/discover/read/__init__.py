@@ -62,6 +62,8 @@ class Comparison:
     """The simulated frames where they were, of other moments than the measured ones: `scan` is as seen from where these
     stood, and rays whose ranges are of different surfaces count on neither side. None where frames are of one moment.
     """
+    own_places: bool = False
+    """Whether each simulated frame was brought to where its own partner stood."""
     rest: Rest | None = None
     """The frames that were not read, because so many do not fit into memory."""
     control: Control = NO_CONTROL

@@ -94,6 +94,9 @@ class ReadRules:
     """Half widths of a motion's shift (m), turn (rad) and way during a scan (m) at least, however many scenes there are
     (set on development cases, where planes through neighbouring cells are that far off:
     `python -m benchmarks.blind.placed`)."""
+    unsteady_sd: float = 2.0
+    """Scatter of frames' own poses about their median, over `POSE_SD`, from which on each frame is brought to its own
+    place (a judgement, not calibrated: development cases scatter by 1)."""
     apart_m: float = 0.15
     """Scatter of frames along their heading (median deviation) from which on they are of other moments than their
     partners (set on development cases, where poses of frames scatter by 2 cm) ..."""

@@ -71,13 +71,13 @@ def judge_rest(
     comparison: Comparison, mounting: Mounting, by: HeldAnswer, *, size: int = 0
 ) -> tuple[EveryFrame, tuple[_Maps, _Maps]] | None:
     """What the answer gains on the frames that were not read, `size` at a time (0: as many as judge scenes have now),
-    and the maps of their residuals before and after; None where there are none, or each frame is of a moment of its
-    own.
+    and the maps of their residuals before and after; None where there are none, or each frame is of a moment or at a
+    place of its own.
 
     Raises ValueError for frames that are no pair's, as `read_comparison` does.
     """
     rest = comparison.rest
-    if rest is None or mounting.comparison.other_moments:
+    if rest is None or mounting.comparison.other_moments or mounting.comparison.own_places:
         return None
     division = by.null.division
     judged, _ = division.blocks_of(division.parts.judge)
