@@ -54,8 +54,8 @@ def settings(answer: Estimates, now: Mapping[str, float]) -> list[Setting]:
     """CARLA's attributes, `now` what they are in the frames that were compared."""
     was = now["atmosphere_attenuation_rate"]
     extinction = answer.one("atmospheric_extinction", "coefficient_per_m")
-    # ln I falls by 2 α r in our law, by a d in CARLA's.
-    rate = extinction and extinction.mapped(lambda alpha: was + 2 * alpha)
+    # ln I falls by 2 α r in our law, by a d in CARLA's, whose air is never clearer than clear.
+    rate = extinction and extinction.mapped(lambda alpha: max(was + 2 * alpha, 0.0))
     noise = answer.range_noise and answer.range_noise.mapped(lambda sd: root_of_squares((now["noise_stddev"], sd)))
     why = f"atmospheric_extinction: {was:g} as it was, and 2 α"
     return [

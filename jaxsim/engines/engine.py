@@ -125,6 +125,8 @@ class Engine(NamedTuple):
     """Its own values where nothing is set: those that `settings` takes into account."""
     nearest: str = ""
     """In words, of an engine that has a longest range alone: what does the shortest one instead."""
+    clearer: str = ""
+    """In words, of an engine whose air is never clearer than clear: what undoes haze that its frames have."""
 
 
 def read_answer(path: Path) -> Estimates:
@@ -204,6 +206,9 @@ def translate(answer: Estimates, name: str, engine: Engine, *, now: Mapping[str,
     cannot = {what: engine.instead.get(what, general) for what in told if what not in engine.expresses}
     if answer.limit("minimum_m") and engine.nearest:
         cannot["range_gate.minimum_m"] = engine.nearest
+    haze = answer.one("atmospheric_extinction", "coefficient_per_m")
+    if haze and haze.value < 0 and engine.clearer:
+        cannot["atmospheric_extinction"] = engine.clearer
     cannot |= dict.fromkeys(answer.in_parts, f"it acts in a part alone, and {general}")
     if answer.learned:
         cannot["learned law"] = general

@@ -58,6 +58,7 @@ ENGINE = Engine(
     settings=settings,
     expresses=frozenset({"range_noise", "incidence_range_bias", "atmospheric_extinction", "range_gate"}),
     instead=INSTEAD,
+    clearer="the frames that were compared have haze that the street had not: raise their atmosphericVisibility_km",
     text=text,
     suffix=".xml",
     notes=(

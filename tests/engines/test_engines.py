@@ -74,6 +74,20 @@ def test_gazebos_sdf_and_helios_xml_are_whole(answer):
     assert 3.912 / float(scanner.get("atmosphericVisibility_km")) == pytest.approx(1000 * ALPHA, rel=1e-3)
 
 
+def test_haze_that_a_simulator_has_and_the_street_had_not_is_taken_back_or_said(tmp_path):
+    SensorModel((("atmospheric_extinction", {"coefficient_per_m": -0.002}),)).save(tmp_path / "sensor.json")
+    answer = read_answer(tmp_path / "sensor.json")
+
+    def told(name):
+        return translate(answer, name, ENGINES[name])
+
+    # CARLA's frames have exp(-0.004 r) by default, which is more than the street had by 2 x 0.002.
+    rate = next(one for one in told("carla").settings if one.name == "atmosphere_attenuation_rate")
+    assert rate.value.value == pytest.approx(0.0, abs=1e-9)
+    assert "atmosphericVisibility_km" not in told("helios").text
+    assert told("helios").cannot["atmospheric_extinction"].startswith("the frames that were compared have haze")
+
+
 @pytest.mark.parametrize("name", ENGINES)
 def test_nothing_that_was_found_is_passed_over(name, tmp_path):
     """Every effect of the catalogue and every level is a parameter, or is said to be none."""

@@ -18,7 +18,14 @@ EFFECT = Effect(
     title="haze or fog dims the light on its way",
     formula="ln I, ln P −= 2 α r",
     parameters={
-        "coefficient_per_m": Parameter(0.0, 0.0, 0.05, "1/m", "extinction α; ln 20 / visibility", scale=0.004),
+        "coefficient_per_m": Parameter(
+            0.0,
+            -0.02,
+            0.05,
+            "1/m",
+            "extinction α, ln 20 / visibility; negative undoes haze that a simulator has",
+            scale=0.004,
+        ),
     },
     channels=("intensity",),
     signature="A straight line of the log intensity over range, common to all beams and classes; far surfaces are lost "
@@ -33,5 +40,5 @@ EFFECT = Effect(
     source="Hahner et al., Fog Simulation on Real LiDAR Point Clouds, ICCV 2021 (two-way transmission, extinction "
     "0.005 to 0.2 1/m); Koschmieder, Theorie der horizontalen Sichtweite, 1924 (ln 20 / visibility)",
     apply=apply,
-    starts=({"coefficient_per_m": 0.002},),
+    starts=({"coefficient_per_m": 0.002}, {"coefficient_per_m": -0.002}),
 )
