@@ -13,7 +13,7 @@ The likelihood stands in `model`, every threshold of the decision in `rules`, al
 Files in the order in which the data meets them:
 
     read                         two folders, checked and put side by side; where the sensor stood
-    mounting, knocked            what of that is put in place first, in all frames or from a moment on
+    mounting, knocked, unsteady  what of that is put in place first: in all frames, from a moment on, in each
     other_surfaces               rays that meet a surface which one side alone has
     division                     find and judge scenes, and the null model that all that is found stands on
     few_drives                   what is bound to directions, which sectors of few drives cannot show

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 from jaxsim.discover.model.cast import sectors_a_drive
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.noise_levels import lattices_of
-from jaxsim.discover.mounting import gains, of_frames, parameters, seen_from
+from jaxsim.discover.mounting import OF_POSE, gains, of_frames, parameters, seen_from
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.read.motion import register
@@ -33,9 +33,6 @@ from jaxsim.discover.scenes import Split, chance_of, clipped, orders_of
 from jaxsim.discover.verdict import Interval, Named, Regime
 from jaxsim.effects.region import Region
 from jaxsim.metrics.intervals import mean_interval
-
-OF_POSE = ("extrinsic_translation", "extrinsic_rotation")
-"""What a knock changes: beams are of the sensor, and move with it."""
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,8 @@ from jaxsim.metrics.intervals import mean_interval
 
 POSE_AND_LIFT_SD = np.append(POSE_SD, POSE_SD[-1])
 """Standard deviations of a frame's own pose and lift of beams, m and rad."""
+OF_POSE = ("extrinsic_translation", "extrinsic_rotation")
+"""The effects of where a sensor stands: beams are of the sensor, and move with it."""
 LIFT_OF_ALL = Law(
     name="lift",
     parameters={"error_rad": Parameter(0.0, -0.01, 0.01, "rad", "of all beams alike", scale=0.0014)},

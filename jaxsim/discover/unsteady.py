@@ -16,13 +16,11 @@ from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.noise_levels import lattices_of
-from jaxsim.discover.mounting import of_frames, seen_from
+from jaxsim.discover.mounting import OF_POSE, of_frames, seen_from
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.registration import MOTION_PARTS, POSE, Registration
 from jaxsim.discover.rules import RULES
 
-OF_POSE = ("extrinsic_translation", "extrinsic_rotation")
-"""The effects that say where a frame stands."""
 ABSOLUTE = 1.2533
 """Standard deviation of a normal over its mean distance from the middle."""
 

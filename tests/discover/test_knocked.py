@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.knocked import OF_POSE, apart, find_knock, named_knock
+from jaxsim.discover.knocked import apart, find_knock, named_knock
+from jaxsim.discover.mounting import OF_POSE
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.scenes import split_scenes
 from jaxsim.discover.verdict import Interval

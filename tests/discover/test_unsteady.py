@@ -52,6 +52,7 @@ def test_a_mounting_that_is_surely_off_stays_to_be_named():
     assert off_m(one) > 0.05
 
 
+@pytest.mark.long
 def test_place_brings_unsteady_frames_before_anything_else_is_asked():
     lines: list[str] = []
     placed = place(comparison(heights(0.08)), [], NOTHING_YET, log=lines.append)
