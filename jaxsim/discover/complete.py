@@ -14,7 +14,7 @@ from jaxsim.discover.name.answer import Answer, without_curve
 from jaxsim.discover.name.other_sides import OtherSides
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.regimes.find import Divided
-from jaxsim.discover.repeats.examine import examine, one_sided, with_repeats, with_what_repeats
+from jaxsim.discover.repeats.examine import examine, left_open, one_sided, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.show import law_gains
 
@@ -51,7 +51,7 @@ def complete(
         # The law leaves less noise than there was: what is asked next must know it.
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
     log("looking for what repeats")
-    repeats = examine(found.null, added.chain, choice.problem.noise)
+    repeats = tuple(one for one in examine(found.null, added.chain, choice.problem.noise) if not left_open(one, added))
     for other in others if repeats else ():
         repeats, passed = one_sided(repeats, sides := other())
         answer = replace(answer, elsewhere=(*answer.elsewhere, *((formula, sides.why) for formula in passed)))

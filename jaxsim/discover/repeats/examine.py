@@ -19,6 +19,7 @@ from jaxsim.discover.model.cast import blocks
 from jaxsim.discover.model.fit import Chain, in_place
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import refitted
+from jaxsim.discover.model.parameters import fitted_parameters
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.other_sides import OtherSides
 from jaxsim.discover.repeats.find import FoundPattern, find_repeats
@@ -74,6 +75,27 @@ def examine(null: NullModel, chain: Chain, noise: Noise) -> tuple[LearnedRepeat,
     dense = Dense.of(null)
     repeats = find_repeats(dense.maps(chain, noise), dense.finding)
     return dense.learn(repeats, chain, noise) if repeats else ()
+
+
+def left_open(found: LearnedRepeat, added: Added) -> bool:
+    """Whether a pattern of a row is no more than an effect with a number for each beam leaves open of that beam's: it
+    was fitted to few of the columns, and here more are looked at. Its number is off then, and nothing is missing."""
+    repeat = found.repeat
+    if repeat.scale != "row":
+        return False
+    [row, *_] = np.flatnonzero(np.abs(found.pattern).max(axis=1))
+    for one, told in zip(added.refits, added.parameters, strict=True):
+        if repeat.channel not in one.effect.channels:
+            continue
+        for name, p in fitted_parameters(one.effect).items():
+            beams = told[name]
+            if isinstance(beams, tuple) and p.shape == "row" and p.unit == CHANGE_UNITS[repeat.channel]:
+                beam = beams[row]
+                # Of losses on top of others the height is that of what the others leave.
+                height = abs(repeat.size.value) * (1 - beam.value if repeat.channel == "drop" else 1)
+                if height <= max(beam.high - beam.value, beam.value - beam.low):
+                    return True
+    return False
 
 
 def one_sided(repeats: Sequence[LearnedRepeat], other: OtherSides) -> tuple[tuple[LearnedRepeat, ...], tuple[str, ...]]:

@@ -1,7 +1,9 @@
 """The whole method where something repeats: *not in the catalogue*, added, gone when it is fed back. Of the same frames
 without it, tests/discover/test_workflow.py asks."""
 
+import inspect
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +12,11 @@ from benchmarks.blind.hidden import make_case
 from jaxsim.cli import main
 from jaxsim.discover import discover, read_comparison
 from jaxsim.discover.add import Added
-from jaxsim.discover.repeats.examine import size_of, with_repeats
+from jaxsim.discover.repeats.examine import left_open, size_of, with_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.repeats.maps import Maps
+from jaxsim.discover.verdict import Interval
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.own import known_effects
@@ -104,3 +108,27 @@ def test_effects_keep_their_regions_beside_what_repeats():
     wave = Learned("intensity", "wave", ("column",), ((0.1,),), (0.3, -0.2), (0.0, 0.0))
     both = with_repeats(Added((), (), sensor), [wave]).sensor
     assert (both.effects, both.learned, both.regions) == (sensor.effects, (wave,), regions)
+
+
+@pytest.mark.parametrize(
+    ("name", "channel", "size", "scale", "open_"),
+    [
+        ("beam_dropout", "drop", 0.09, "row", True),  # 0.09 of what 0.38 leaves, where the beam's is known to 0.07
+        ("beam_dropout", "drop", 0.13, "row", False),
+        ("beam_dropout", "drop", 0.09, "cell", False),
+        ("beam_gain", "intensity", -0.06, "row", True),
+        ("beam_gain", "range", 0.06, "row", False),  # of another channel
+        ("beam_elevation_error", "range", 0.06, "row", False),  # a turn is no distance
+        ("random_dropout", "drop", 0.01, "row", False),  # one number for all
+    ],
+)
+def test_a_beam_whose_number_rests_on_few_columns_leaves_no_pattern_of_its_row(name, channel, size, scale, open_):
+    beams = tuple(Interval.about(0.38 if row == 2 else 0.0, 0.07, "") for row in range(4))
+    effect = EFFECTS[name]
+    told = {key: beams if p.shape == "row" else beams[2] for key, p in effect.parameters.items()}
+    added = SimpleNamespace(refits=(SimpleNamespace(effect=effect),), parameters=(told,))
+    pattern = np.zeros((4, 6))
+    pattern[2] = size
+    repeat = SimpleNamespace(channel=channel, scale=scale, size=SimpleNamespace(value=size))
+    found = SimpleNamespace(repeat=repeat, pattern=pattern)
+    assert inspect.unwrap(left_open)(found, added) == open_
