@@ -127,9 +127,9 @@ def find_regimes(
         return Divided(answer)
     choice = _needed(null, choice, log=log)
     named = named_answer(choice, without=without, but=answer.unasked)
-    told = {name: getattr(named, name) for name in ("verdict", "choice", "unexplained", "curve")}
+    said = {name: getattr(named, name) for name in ("verdict", "choice", "unexplained", "curve")}
     # What else the answer knows (nulls, what was found and is not said) holds of the parts as well.
-    return Divided(replace(answer, **told), tuple(regimes))
+    return Divided(replace(answer, **said), tuple(regimes))
 
 
 def _needed(null: Problem, choice: Choice, *, log: Log) -> Choice:
@@ -141,7 +141,7 @@ def _needed(null: Problem, choice: Choice, *, log: Log) -> Choice:
         gone.append(steps.pop(k).chosen.effect.plain_name)
     if not gone:
         return choice
-    kept = tuple(step for step in choice.steps if step in steps)
+    kept = tuple(step for step in choice.steps if any(step is one for one in steps))
     problem = with_steps(null, kept)
     return replace(choice, steps=kept, problem=problem, needless=(*choice.needless, *gone))
 
