@@ -113,6 +113,8 @@ class Effect(Law):
     """The stage, of `STAGES`, at which it acts."""
     title: str
     formula: str
+    opposite: str = ""
+    """What it is, in words, where its first parameter lies below neutral and the title says something else."""
     signature: str = ""
     """How its covariates show it, in words; an effect of one's own need not say."""
     look_alikes: dict[str, str] = field(default_factory=dict)

@@ -14,7 +14,7 @@ from jaxsim.report import page
 from jaxsim.report.canvas import BEFORE
 from jaxsim.report.charts import curve_chart, interval_chart
 from jaxsim.report.page import EMPTY, DrawChart, code, number, probability
-from jaxsim.report.words import AXES, SIGN_WORDS, Axis, dependence, span, title_of
+from jaxsim.report.words import AXES, SIGN_WORDS, Axis, dependence, span, title_as_found
 
 
 def named_effects(effects: Sequence[Named], draw: DrawChart, *, shown: Sequence[tuple[str, str]] = ()) -> Markup:
@@ -27,7 +27,7 @@ def named_effects(effects: Sequence[Named], draw: DrawChart, *, shown: Sequence[
 
 def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> Markup:
     """An effect: what it is, how sure it is, its parameters, and what it could be taken for."""
-    parts: list[str] = [Markup("<h3>{} {}</h3>").format(code(named.name), title_of(named.name))]
+    parts: list[str] = [Markup("<h3>{} {}</h3>").format(code(named.name), title_as_found(named))]
     known = EFFECTS.get(named.name)
     if known:
         parts.append(page.formula(known.formula))

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.covariates import HUE_ANGLE
-from jaxsim.discover.verdict import Interval, Regime, Repeat, Unexplained, Verdict
+from jaxsim.discover.verdict import Interval, Named, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.report.page import Real, number, percent
 
@@ -121,9 +121,21 @@ def title_of(name: str) -> str:
     return EFFECTS[name].title if name in EFFECTS else ""
 
 
+def title_as_found(effect: Named) -> str:
+    """What the catalogue calls an effect, or its opposite where that is what was found; empty for one that it does not
+    hold."""
+    known = EFFECTS.get(effect.name)
+    if known is None or not known.opposite:
+        return title_of(effect.name)
+    first = next(iter(known.parameters))
+    found = effect.parameters.get(first)
+    below = isinstance(found, Interval) and found.value < known.parameters[first].neutral
+    return known.opposite if below else known.title
+
+
 def verdict_sentence(verdict: Verdict) -> str:
     """The answer in one plain sentence, or two where the data leave a choice."""
-    named = [f"{e.name} ({title})" if (title := title_of(e.name)) else e.name for e in verdict.effects]
+    named = [f"{e.name} ({title})" if (title := title_as_found(e)) else e.name for e in verdict.effects]
     lacks = f"The simulation lacks {listed(named)}" if named else ""
     besides = f" Besides, {repeat_in_words(verdict.repeats[0])}." if verdict.repeats else ""
     besides += _together(verdict)

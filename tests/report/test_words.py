@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from jaxsim.discover.verdict import InPlace, Interval
-from jaxsim.report.words import listed, nuisance, nuisance_title, verdict_sentence
+from jaxsim.discover.verdict import InPlace, Interval, Named
+from jaxsim.report.words import listed, nuisance, nuisance_title, title_as_found, verdict_sentence
 from tests.report import results
 
 
@@ -17,6 +17,18 @@ def test_sentences():
     assert outside == (
         "The simulation lacks something that is not in the catalogue: a periodic dependence of intensity on range."
     )
+
+
+def test_an_effect_that_the_simulator_has_and_the_sensor_has_not_is_told_as_its_opposite():
+    interval = Interval(-0.0087, -0.0116, -0.0059, "1/m")
+    gain = Interval(7.0, 4.3, 9.7, "nats per scene")
+    haze = Named.alone("atmospheric_extinction", 0.001, gain, parameters={"coefficient_per_m": interval})
+    assert title_as_found(haze) == "below 0: the simulator has haze that the street had not"
+    parameters = {"coefficient_per_m": replace(interval, value=0.0087)}
+    assert title_as_found(replace(haze, parameters=parameters)) == "haze or fog dims the light on its way"
+    # Gains of beams may be either anyway, and an effect of one's own is not in the catalogue.
+    assert title_as_found(results.named().verdict.effects[0]) == "each beam has its own gain"
+    assert title_as_found(replace(haze, name="rain_on_lens")) == ""
 
 
 def test_without_a_floor_the_sentence_tells_what_the_likelihood_gains():

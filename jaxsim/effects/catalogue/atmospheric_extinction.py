@@ -17,6 +17,7 @@ EFFECT = Effect(
     stage="path",
     title="haze or fog dims the light on its way",
     formula="ln I, ln P −= 2 α r",
+    opposite="below 0: the simulator has haze that the street had not",
     parameters={
         "coefficient_per_m": Parameter(
             0.0,

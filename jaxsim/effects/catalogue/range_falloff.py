@@ -22,6 +22,7 @@ EFFECT = Effect(
     stage="path",
     title="intensity falls with a power of range that the firmware has not undone",
     formula="ln I −= exponent · ln(r / 10 m)",
+    opposite="below 0: the simulator's intensity falls with range where the sensor's does not",
     parameters={
         "exponent": Parameter(0.0, -2.0, 3.0, "", "power of range left in the intensity; 2 is raw power", scale=0.35),
     },
