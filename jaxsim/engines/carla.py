@@ -58,6 +58,8 @@ def settings(answer: Estimates, now: Mapping[str, float]) -> list[Setting]:
     rate = extinction and extinction.mapped(lambda alpha: max(was + 2 * alpha, 0.0))
     noise = answer.range_noise and answer.range_noise.mapped(lambda sd: root_of_squares((now["noise_stddev"], sd)))
     why = f"atmospheric_extinction: {was:g} as it was, and 2 α"
+    if extinction and was + 2 * extinction.value < 0:
+        why += ", which is less than none: what is left of it is to be added behind"
     return [
         *known(("atmosphere_attenuation_rate", rate, "1/m", why)),
         *losses(answer, now, rate=rate.value if rate else was),

@@ -48,7 +48,7 @@ def test_one_frame_that_was_registered_to_another_street_decides_nothing():
 def test_a_mounting_that_is_surely_off_stays_to_be_named():
     one = steadied(comparison(heights(0.06, mean_m=0.4)))
     assert "extrinsic_translation" in one.registration.sure
-    # Half a metre is left between the sides.
+    # What the mounting is off by is still between the sides.
     assert off_m(one) > 0.05
 
 

@@ -84,6 +84,11 @@ def test_haze_that_a_simulator_has_and_the_street_had_not_is_taken_back_or_said(
     # CARLA's frames have exp(-0.004 r) by default, which is more than the street had by 2 x 0.002.
     rate = next(one for one in told("carla").settings if one.name == "atmosphere_attenuation_rate")
     assert rate.value.value == pytest.approx(0.0, abs=1e-9)
+    assert "less than none" not in rate.why
+    more = translate(answer, "carla", ENGINES["carla"], now={"atmosphere_attenuation_rate": 0.001}).settings
+    [rate] = [one for one in more if one.name == "atmosphere_attenuation_rate"]
+    assert rate.value.value == 0
+    assert "less than none" in rate.why
     assert "atmosphericVisibility_km" not in told("helios").text
     assert told("helios").cannot["atmospheric_extinction"].startswith("the frames that were compared have haze")
 

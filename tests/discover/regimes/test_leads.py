@@ -31,7 +31,7 @@ def test_beams_that_change_smoothly_are_not_what_is_divided(monkeypatch):
     disputed = replace(beams, over_smooth=np.where(np.arange(11) < 4, 30.0, -2.0))
     assert disputed.smooth_is_enough
     of_candidates(None, SimpleNamespace(**{**vars(choice), "first_ranking": (disputed, offset)}), facts=None, asked=())
-    assert "beam_range_bias" in asked_of[-2:]
+    assert asked_of[-2:] == ["beam_range_bias", "range_offset"]
 
 
 def test_drives_are_asked_of_every_candidate_that_exists_and_arcs_of_weak_ones_too(monkeypatch):
