@@ -18,8 +18,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.cast import sectors_a_drive
 from jaxsim.discover.model.evidence import POSE_SD
-from jaxsim.discover.model.noise_levels import lattices_of
-from jaxsim.discover.mounting import OF_POSE, gains, of_frames, parameters, seen_from
+from jaxsim.discover.mounting import OF_POSE, brought, gains, of_frames, parameters
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.read.motion import register
@@ -55,11 +54,9 @@ class Knock:
 
     def brought(self, comparison: Comparison) -> Comparison:
         """The comparison with the simulated frames inside as seen from where the sensor stood."""
-        scan = comparison.scan
         motion = np.where(self.inside(comparison)[:, None], self.registered.motion, 0.0)
-        effects = {name: v for name, v in of_frames(motion, rows=scan.range_m.shape[1]).items() if name in self.effects}
-        moved, told = seen_from(scan, effects)
-        return replace(comparison, scan=moved, told=told, between_unknown=True, lattices=lattices_of(scan))
+        effects = of_frames(motion, rows=comparison.scan.range_m.shape[1])
+        return brought(comparison, {name: effects[name] for name in self.effects})
 
 
 def find_knock(comparison: Comparison, candidates: Collection[str], parts: Split) -> Knock | None:

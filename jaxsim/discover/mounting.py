@@ -79,12 +79,10 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     if registered is None:
         return Mounting((), comparison, known)
     scan = comparison.scan
-    cast_again = replace(comparison, lattices=lattices_of(scan))
     if registered.early_or_late:
         # Frames' own places hold what the mounting is off by as well.
-        moved, told = seen_from(scan, of_frames(registered.frames, rows=scan.range_m.shape[1]))
-        again = replace(cast_again, scan=moved, told=told, between_unknown=True, as_read=scan)
-        return Mounting((), again, known)
+        again = brought(comparison, of_frames(registered.frames, rows=scan.range_m.shape[1]))
+        return Mounting((), replace(again, as_read=scan), known)
     # A mounting is that of all frames: what acts in a part of them alone stays with what else is known.
     known_effects = {name for name, _ in known.effects} - {*known.regions}
     named = tuple(name for name in registered.sure if name in candidates)
@@ -96,10 +94,7 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     motion = {k: v for k, v in of_frames(everywhere, rows=scan.range_m.shape[1]).items() if k in named}
     motion |= {name: _as_stated(name, known, scan) for name in stated}
     rest = replace(known, effects=tuple(pair for pair in known.effects if pair[0] not in stated))
-    moved, told = seen_from(scan, motion)
-    # Lifted beams meet the steps to their sides where they were.
-    aside = set(motion) != {"beam_elevation_error"}
-    return Mounting(named, replace(cast_again, scan=moved, told=told, between_unknown=aside), rest)
+    return Mounting(named, brought(comparison, motion), rest)
 
 
 def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, known: SensorModel) -> Mounting:
@@ -116,6 +111,20 @@ def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, kn
     by[LIFT] = float(to_values(LIFT_OF_ALL, refit.z)["error_rad"])
     finer = replace(registered, motion=registered.motion + by, frames=registered.frames + by)
     return place_mounting(replace(comparison, registration=finer), mounting.effects, known)
+
+
+def brought(comparison: Comparison, effects: EffectValues) -> Comparison:
+    """The comparison with its simulated frames as seen from where a sensor stands on which these effects act
+    (`seen_from`)."""
+    moved, told = seen_from(comparison.scan, effects)
+    return replace(
+        comparison,
+        scan=moved,
+        told=told if comparison.told is None else told & comparison.told,
+        # Lifted beams meet the steps to their sides where they were.
+        between_unknown=comparison.between_unknown or {*effects} != {"beam_elevation_error"},
+        lattices=comparison.lattices or lattices_of(comparison.scan),
+    )
 
 
 def seen_from(scan: Scan, effects: EffectValues) -> tuple[Scan, Bool[np.ndarray, "f r n"]]:

@@ -7,7 +7,7 @@ each, what the null leaves is found again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from jaxsim.discover.division import Division
@@ -20,6 +20,44 @@ from jaxsim.discover.read import Comparison
 from jaxsim.discover.unsteady import is_unsteady, steadied
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A comparison with the sensor where its frames were registered, in scenes that find and scenes that judge."""
+
+    mounting: Mounting
+    """The comparison, as seen from where the sensor stands, and what is known of the sensor."""
+    division: Division
+    knock: Knock | None
+    """Where the sensor stands in a part of the recording; that is in place."""
+
+    @classmethod
+    def of(cls, comparison: Comparison, candidates: Collection[str], known: SensorModel, *, log: Log) -> Standing:
+        """Puts in place what is clearly off and among the `candidates`: a mounting of all frames, one of a part of
+        them, or frames that each stand elsewhere.
+
+        Raises ValueError where the scenes are too few to decide anything.
+        """
+        mounting = place_mounting(comparison, candidates, known)
+        division = Division.of(mounting.comparison)
+        parts = division.parts
+        log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
+        knock = find_knock(mounting.comparison, {*candidates} - {*mounting.effects}, parts)
+        if knock:
+            log(f"in a part of the recording the sensor stands otherwise: {', '.join(knock.effects)}")
+            there = knock.brought(mounting.comparison)
+        elif is_unsteady(mounting.comparison):
+            log("frames stand each a little elsewhere: every simulated one is brought to where its partner stood")
+            there = steadied(mounting.comparison)
+        else:
+            return cls(mounting, division, None)
+        return cls(replace(mounting, comparison=there), Division.of(there, parts=parts), knock)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects that are in place, be it in a part alone."""
+        return (*self.mounting.effects, *(self.knock.effects if self.knock else ()))
 
 
 @dataclass(frozen=True)
@@ -56,22 +94,10 @@ def place(comparison: Comparison, catalogue: Sequence[Effect], known: SensorMode
 
     Raises ValueError where the scenes are too few to decide anything.
     """
-    mounting = place_mounting(comparison, [effect.name for effect in catalogue], known)
-    catalogue = [effect for effect in catalogue if effect.name not in mounting.effects]
-    division = Division.of(mounting.comparison)
-    parts = division.parts
-    log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
-    knock = find_knock(mounting.comparison, [effect.name for effect in catalogue], parts)
-    if knock:
-        log(f"in a part of the recording the sensor stands otherwise: {', '.join(knock.effects)}")
-        mounting = replace(mounting, comparison=knock.brought(mounting.comparison))
-        catalogue = [effect for effect in catalogue if effect.name not in knock.effects]
-        division = Division.of(mounting.comparison)
-    elif is_unsteady(mounting.comparison):
-        log("frames stand each a little elsewhere: every simulated one is brought to where its partner stood")
-        mounting = replace(mounting, comparison=steadied(mounting.comparison))
-        division = Division.of(mounting.comparison, parts=parts)
-    found = find_dependences(division, mounting.known)
+    standing = Standing.of(comparison, [effect.name for effect in catalogue], known, log=log)
+    mounting = standing.mounting
+    catalogue = [effect for effect in catalogue if effect.name not in standing.effects]
+    found = find_dependences(standing.division, mounting.known)
     finer = refine_lift(comparison, mounting, found.null.problem, known=known)
     # What the null says rests on where the sensor stands: it is asked again from there.
     if finer is not mounting:
@@ -82,4 +108,4 @@ def place(comparison: Comparison, catalogue: Sequence[Effect], known: SensorMode
         mounting = replace(mounting, known=of_drive.known)
         catalogue = [effect for effect in catalogue if effect.name not in dict(mounting.known.effects)]
         found = find_dependences(found.null.division, mounting.known)
-    return Placed(mounting, found, tuple(catalogue), of_drive, knock)
+    return Placed(mounting, found, tuple(catalogue), of_drive, standing.knock)

@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import POSE_SD
-from jaxsim.discover.model.noise_levels import lattices_of
-from jaxsim.discover.mounting import OF_POSE, of_frames, seen_from
+from jaxsim.discover.mounting import OF_POSE, brought, of_frames
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.registration import MOTION_PARTS, POSE, Registration
 from jaxsim.discover.rules import RULES
@@ -54,17 +53,8 @@ def steadied(comparison: Comparison) -> Comparison:
     # A frame that agrees no better there was registered to something else.
     own[registered.near <= registered.near_as_given] = 0
     effects = of_frames(own, rows=comparison.scan.range_m.shape[1])
-    moved, told = seen_from(comparison.scan, {name: effects[name] for name in OF_POSE})
-    told = told if comparison.told is None else told & comparison.told
-    return replace(
-        comparison,
-        scan=moved,
-        told=told,
-        between_unknown=True,
-        own_places=True,
-        lattices=comparison.lattices or lattices_of(comparison.scan),
-        notes=(*comparison.notes, unsteady_in_words(registered)),
-    )
+    there = brought(comparison, {name: effects[name] for name in OF_POSE})
+    return replace(there, own_places=True, notes=(*comparison.notes, unsteady_in_words(registered)))
 
 
 def unsteady_in_words(registered: Registration) -> str:

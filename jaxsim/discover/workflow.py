@@ -11,11 +11,10 @@ from jaxsim.devices import by_small_steps
 from jaxsim.discover.ask import ask
 from jaxsim.discover.complete import complete
 from jaxsim.discover.conclude import result_of, show
-from jaxsim.discover.division import NOTHING_YET, Division
+from jaxsim.discover.division import NOTHING_YET
 from jaxsim.discover.find import find_dependences
-from jaxsim.discover.mounting import place_mounting
 from jaxsim.discover.name.select import Log
-from jaxsim.discover.place import place
+from jaxsim.discover.place import Standing, place
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.regimes.find import find_regimes
@@ -87,5 +86,5 @@ def discover(
 def disagreements(comparison: Comparison) -> tuple[Where, ...]:
     """Only the first step of `discover`, in seconds: on which covariates the find scenes' residuals depend, strongest
     first. Raises ValueError where the scenes are too few to decide anything."""
-    mounting = place_mounting(comparison, {*EFFECTS})
-    return find_dependences(Division.of(mounting.comparison), mounting.known).where
+    standing = Standing.of(comparison, EFFECTS, NOTHING_YET, log=lambda line: None)
+    return find_dependences(standing.division, standing.mounting.known).where
