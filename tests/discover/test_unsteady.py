@@ -8,6 +8,7 @@ from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.place import place
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.unsteady import is_unsteady, scatter_of, steadied
+from jaxsim.discover.workflow import disagreements
 from tests.discover.rooms import NAMES, comparison, off_m
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
@@ -55,6 +56,9 @@ def test_a_mounting_that_is_surely_off_stays_to_be_named():
 @pytest.mark.long
 def test_place_brings_unsteady_frames_before_anything_else_is_asked():
     lines: list[str] = []
-    placed = place(comparison(heights(0.08)), [], NOTHING_YET, log=lines.append)
+    one = comparison(heights(0.08))
+    placed = place(one, [], NOTHING_YET, log=lines.append)
     assert placed.comparison.own_places
     assert any("every simulated one is brought" in line for line in lines)
+    # The list of disagreements alone is made from there, too.
+    assert disagreements(one) == placed.found.where
