@@ -63,8 +63,8 @@ def regimes(acting: Sequence[Regime], draw: DrawChart, *, frames: Sequence[Judge
 def _strip(one: Regime, draw: DrawChart, *, ordinal: int, frames: Sequence[JudgeFrame]) -> Markup:
     what = "sector" if one.divides == "azimuth" else "scene"
     caption = (
-        f"{one.effect}, which acts {part_of(one)} (shaded): the size that each {what} asks for, had the effect been "
-        "fitted everywhere. At 1 it is as large as fitted inside, at 0 it is not there."
+        f"{one.effect}, which acts {part_of(one)} (shaded): the size that each {what} asks for. "
+        "At 1 it is as large as fitted inside, at 0 it is not there."
     )
     if frames and one.divides == "azimuth":
         caption += " A click on a sector lights its rays."

@@ -20,29 +20,28 @@ from jaxsim.discover.regimes.confine import confine, sharpened
 from jaxsim.discover.regimes.judge import JudgeScenes
 from jaxsim.discover.regimes.leads import Lead, of_candidates, of_named, ranked, rivals, without_step
 from jaxsim.discover.regimes.questions import Facts, questions
-from jaxsim.discover.regimes.sizes import Sized, least_size, sized, sizes_at, slopes_of
+from jaxsim.discover.regimes.sizes import Sized, least_size, sized, sizes_at
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Regime
 from jaxsim.effects.region import Region
 
 
 def regime_of(told: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:
-    """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
+    """The verdict's entry, with the size that each scene or sector asks for."""
     confined, divides = told.confined, lead.finding.question.divides
-    whole = slopes_of(confined.plain, confined.problem, confined)
     least = least_size(confined.plain)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
     columns = np.asarray(confined.region.in_sector(azimuth))
     counted = False
     if divides == "azimuth":
         x = azimuth[[(2 * k + 1) * len(azimuth) // (2 * facts.sectors) for k in range(facts.sectors)]]
-        size = sizes_at(whole, facts.sector, facts.sectors, least=least)
+        size = sizes_at(told.slopes, facts.sector, facts.sectors, least=least)
         inside = np.asarray(confined.region.in_sector(x))
     else:
         # Of a single drive, whose sectors are its scenes, each has all moments: frames are shown instead.
         group = facts.scene if len(set(facts.names)) > 1 else np.unique(facts.frame, return_inverse=True)[1]
         of_column = np.broadcast_to(group[:, None], facts.column.shape)
-        size = sizes_at(whole, of_column, int(group.max()) + 1, least=least)
+        size = sizes_at(told.slopes, of_column, int(group.max()) + 1, least=least)
         first = np.unique(group, return_index=True)[1]
         time_s = np.asarray(facts.scan.time_s, float)[facts.frame[first]]
         counted = len(np.unique(time_s)) < len(first)

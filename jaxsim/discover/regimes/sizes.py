@@ -38,6 +38,9 @@ class Sized(NamedTuple):
     confined: Confined
     inside: Interval
     outside: Interval
+    slopes: Float[np.ndarray, "k b c"]
+    """Every column's (`slopes_of`): inside for more of the effect there, outside for any of it, beside all of it
+    inside. With one share for both, what streets have in common would be fitted to neither."""
 
 
 def sized(confined: Confined, facts: Facts) -> Sized:
@@ -46,10 +49,12 @@ def sized(confined: Confined, facts: Facts) -> Sized:
     # Outside is asked with the effect in place inside, where nothing is left to ask for.
     opposite = within(confined.plain, confined.region, confined.frames, outside=True)
     beside = replace(confined.problem, ev=on_top(law, confined.problem, confined.step.fit.z).ev)
-    inside = _of_scenes(slopes_of(law, confined.problem, confined), facts)
-    outside = _of_scenes(slopes_of(opposite, beside, confined), facts)
+    inside = slopes_of(law, confined.problem, confined)
+    outside = slopes_of(opposite, beside, confined)
     least = least_size(confined.plain)
-    return Sized(confined, size_of(inside, least), size_of(outside, least))
+    told = [size_of(_of_scenes(slopes, facts), least) for slopes in (inside, outside)]
+    # Neither acts on the columns of the other.
+    return Sized(confined, told[0], told[1], inside + outside)
 
 
 def least_size(law: Law) -> float:

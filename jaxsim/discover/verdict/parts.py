@@ -259,8 +259,8 @@ class Regime:
     applied: bool
     """Whether simulated frames say where it acts."""
     x: tuple[float, ...] = ()
-    """Places along what divides: s, rad, or, where `counted`, numbers of scenes; and the size of the effect, were it
-    fitted everywhere, at each, NaN where nothing tells it; and whether it lies inside."""
+    """Places along what divides: s, rad, or, where `counted`, numbers of scenes; and the size of the effect at each,
+    NaN where nothing tells it; and whether it lies inside."""
     sizes: tuple[float, ...] = ()
     held: tuple[bool, ...] = ()
     counted: bool = False

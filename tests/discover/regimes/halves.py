@@ -16,11 +16,13 @@ SECTOR = (np.arange(COLUMNS) >= 10) & (np.arange(COLUMNS) < 30)
 GAINS = np.random.default_rng(3).normal(0, 0.08, ROWS)
 
 
-def halves(frames=INSIDE, columns=None, *, seed: int = 5, share: float = 1.0):
-    """(null problem, facts) of a share of the beam gains in these frames and columns, all by default."""
+def halves(frames=INSIDE, columns=None, *, seed: int = 5, share: float = 1.0, falloff: float = 0.0):
+    """(null problem, facts) of a share of the beam gains, or of a power of the range that falls, in these frames and
+    columns, all by default."""
     scan, measured = toy(frames=FRAMES, rows=ROWS, columns=COLUMNS, seed=seed)
     inside = np.asarray(frames)[:, None] & (np.ones(COLUMNS, bool) if columns is None else columns)[None]
-    light = measured.intensity * np.exp(np.where(inside[:, None, :], share * GAINS[None, :, None], 0))
+    change = share * GAINS[None, :, None] - falloff * np.log(scan.range_m / 10)
+    light = measured.intensity * np.exp(np.where(inside[:, None, :], change, 0))
     measured = replace(measured, intensity=np.clip(light, 0, 1).astype(np.float32))
     tags = {"night": np.asarray(frames), "rain": np.arange(FRAMES) % 2 == 0}
     scan, measured = device(replace(scan, tags=tags), measured)

@@ -12,8 +12,9 @@ from jaxsim.discover.regimes.cells import cells_of
 from jaxsim.discover.regimes.chance import best_region, scenes_by_size
 from jaxsim.discover.regimes.confine import confine, named_in_part
 from jaxsim.discover.regimes.questions import questions
-from jaxsim.discover.regimes.sizes import sized
+from jaxsim.discover.regimes.sizes import sized, sizes_at
 from jaxsim.effects import EFFECTS
+from jaxsim.effects.region import Region
 from tests.discover.name.made import candidate
 from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
 
@@ -70,10 +71,23 @@ def test_fitted_in_its_part_an_effect_is_as_large_as_it_is_there(night):
     gain = np.asarray(to_values(GAIN, one.step.fit.z)["gain"])
     slope = np.polyfit(GAINS - GAINS.mean(), gain - gain.mean(), 1)[0]
     assert slope == pytest.approx(1, abs=0.1)
-    _, inside, outside = sized(one, facts)
+    told = sized(one, facts)
+    inside, outside = told.inside, told.outside
     assert inside.low < 1 < inside.high
     assert outside.low < 0 < outside.high
     assert outside.high < 0.2
+
+
+def test_places_inside_ask_for_the_size_inside_and_those_outside_for_none(standard_promotion):
+    """With one size everywhere the levels of what all streets have would lie between, and serve neither."""
+    null, facts = halves(share=0.0, falloff=0.6)
+    falloff = EFFECTS["range_falloff"]
+    [candidate] = rank_effects(null, [falloff])
+    one = confine(null, [candidate], Region(time_s=(135.0, None)), facts=facts, ranking=[candidate])
+    assert one is not None
+    of_column = np.broadcast_to(facts.scene[:, None], facts.column.shape)
+    size = sizes_at(sized(one, facts).slopes, of_column, FRAMES)
+    np.testing.assert_allclose(size, INSIDE, atol=0.35)
 
 
 def test_in_a_part_as_everywhere_the_simplest_name_is_given_of_those_that_gain_as_much():

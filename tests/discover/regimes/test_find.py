@@ -94,7 +94,7 @@ def test_an_effect_in_a_part_stands_beside_a_curve_of_another_channel():
     def stands(channel):
         confined = object.__new__(Confined)
         object.__setattr__(confined, "step", step(candidate("precipitation_clutter", 30, channel)))
-        sized = regimes.Sized(confined, Interval.exact(1.0, ""), Interval.exact(0.0, ""))
+        sized = regimes.Sized(confined, Interval.exact(1.0, ""), Interval.exact(0.0, ""), np.zeros(0))
         return regimes.stands_beside(found, sized)
 
     nothing = Choice((), (), problem())

@@ -26,23 +26,23 @@ from tests.discover.toy import toy
 from tests.report.made_regimes import regime
 
 FRAMES = 6
+SLOPES = np.ones((len(SIZE_SHARES), FRAMES, 60))
 
 
 @pytest.mark.parametrize(("times", "counted"), [(np.arange(FRAMES), False), (np.zeros(FRAMES), True)])
-def test_scenes_are_counted_only_where_frames_say_no_moment_of_their_own(monkeypatch, times, counted):
+def test_scenes_are_counted_only_where_frames_say_no_moment_of_their_own(times, counted):
     """Moments a second apart from 0 on are the very numbers that scenes would have."""
     scan, _ = toy(frames=FRAMES, rows=4, columns=60)
     frame = np.arange(FRAMES)
     column = np.broadcast_to(np.arange(60), (FRAMES, 60))
     drives = tuple(f"drive {k}" for k in frame)
     facts = Facts(replace(scan, time_s=times.astype(np.float32)), drives, frame, frame, column)
-    monkeypatch.setattr(find, "slopes_of", lambda *_: np.ones((len(SIZE_SHARES), FRAMES, 60)))
     chosen = candidate("beam_gain", 4.0)
     late = Confined(step(chosen), chosen.effect, Region(time_s=(2.5, None)), frame > 2, problem(), 20.0)
     size = Interval(1.0, 0.9, 1.1, OF_FIT)
     question = Question("time", (late.region,), np.ones((1, FRAMES, 1), bool))
     lead = Lead(FoundRegion(question, 0, 0.001), (chosen,), 0, q_value=0.01)
-    told = regime_of(Sized(late, size, size), lead, 20.0, facts=facts)
+    told = regime_of(Sized(late, size, size, SLOPES), lead, 20.0, facts=facts)
     assert (told.p_value, told.q_value, told.judge_nats) == (0.001, 0.01, 20.0)
     assert told.x == tuple(range(FRAMES))
     assert told.counted == counted
@@ -63,7 +63,7 @@ def divide(monkeypatch, lead: Lead, answer: Answer, *, controlled: bool = False,
         "questions": lambda facts: [],
         "of_named": lambda *given, **more: [lead] if lead.named else [],
         "of_candidates": lambda *given, **more: [] if lead.named else [lead],
-        "_sized": lambda *given, **more: Sized(confined, *[Interval(1.0, 0.9, 1.1, OF_FIT)] * 2),
+        "_sized": lambda *given, **more: Sized(confined, *[Interval(1.0, 0.9, 1.1, OF_FIT)] * 2, SLOPES),
         "_with": lambda null, choice, *given, **more: choice,
         "_needed": lambda null, choice, **more: choice,
         "regime_of": lambda *given, **more: regime(Region(time_s=(2.5, None))),
