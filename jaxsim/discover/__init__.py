@@ -26,8 +26,9 @@ Files in the order in which the data meets them:
     relation, sensitivity        whether intensities are related at all; what the frames could show
     levels, objects              noise, and targets, of both sides
     explain, verdict             the answer in plain values
-    place, ask                   the stages of the whole way: the sensor where it stands; which effect is missing;
-    complete, conclude           all of it fitted together; held against unseen scenes, as a verdict and a sensor model
+    place, ask, closer           the stages of the whole way: the sensor where it stands; which effect is missing, by
+    complete, conclude           a closer look where need be; all of it fitted together; held against unseen scenes, as
+                                 a verdict and a sensor model
     workflow                     the whole way
     unpaired                     the whole way where the streets differ
     gate, watch                  whether an answer passes in CI; how a sensor changes over days

@@ -15,7 +15,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.cast import UNKNOWN_BETWEEN, Blocks, Cast, blocks, cast, seeing, with_planes
+from jaxsim.discover.model.cast import (
+    CLOSER_RAYS,
+    RAYS,
+    UNKNOWN_BETWEEN,
+    Blocks,
+    Cast,
+    blocks,
+    cast,
+    seeing,
+    with_planes,
+)
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
 from jaxsim.discover.model.fit import Chain, Problem, in_place
 from jaxsim.discover.model.noise import Noise
@@ -112,6 +122,14 @@ class Division:
         """The same frames and scenes, of which other columns are looked at."""
         return replace(self, blocks=chosen, rays=cast(self.scan, chosen.frame, chosen.column))
 
+    def closer(self) -> Division:
+        """The same frames and scenes, of which about `CLOSER_RAYS` rays are looked at; itself where there are no
+        more."""
+        chosen, _ = _blocks_and_parts(
+            self.scenes, self.parts, scan=self.given, measured=self.measured, rays=CLOSER_RAYS
+        )
+        return self.looking_at(chosen) if chosen.column.size > self.blocks.column.size else self
+
     def divided_by(self, scenes: Sequence[str]) -> Division:
         """The same frames, divided by other `scenes` of them. Raises ValueError where these are too few."""
         chosen, parts = _blocks_and_parts(scenes, None, scan=self.given, measured=self.measured)
@@ -205,11 +223,12 @@ class _Sides:
 
 
 def _blocks_and_parts(
-    scenes: Sequence[str], parts: Split | None, *, scan: Scan, measured: Measured
+    scenes: Sequence[str], parts: Split | None, *, scan: Scan, measured: Measured, rays: int = RAYS
 ) -> tuple[Blocks, Split]:
-    """Columns spread over all frames, and the parts that divide their `scenes`, where these are not known. A column in
-    which nearly all that the find scenes' frames could see is lost is among those of each block."""
-    chosen = blocks(scenes, *scan.range_m.shape[1:])
+    """Columns of about so many rays spread over all frames, and the parts that divide their `scenes`, where these are
+    not known. A column in which nearly all that the find scenes' frames could see is lost is among those of each
+    block."""
+    chosen = blocks(scenes, *scan.range_m.shape[1:], rays=rays)
     parts = parts or split_scenes(chosen.scene)
     frames = np.unique(chosen.frame[[name in parts.find for name in chosen.scene]])
     hit = np.asarray(scan.hit)[frames]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from jaxsim.discover.division import Division
+from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.few_drives import OfPieces, ask_pieces
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.knocked import Knock, find_knock
@@ -81,6 +81,14 @@ class Placed:
     @property
     def division(self) -> Division:
         return self.found.null.division
+
+    def closer(self) -> Placed:
+        """The same, with more columns of the same frames looked at; itself where there are no more. On what the
+        disagreement depends stays as it was found."""
+        division = self.division.closer()
+        if division is self.division:
+            return self
+        return replace(self, found=replace(self.found, null=NullModel.of(division, self.mounting.known)))
 
     def with_free_contrast(self) -> Placed:
         """The same, with how far the sensor follows the simulator's contrast left to a nuisance."""

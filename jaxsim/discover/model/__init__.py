@@ -79,7 +79,7 @@ Priors and bounds, and where they are set
     edges and planes, by bends of 3 % and 1 % of 1 / range                 Rules.edge_, plane_bend
     kinds without classes: level ground, albedo                            kinds.KNOT_QUANTILES, Rules.level_ground_rad
     which rays are compared; which lie on a lattice                        Rules.compared_, finest_step, lattice_
-    which columns of which frames                                          cast.RAYS, Rules.sectors
+    which columns of which frames                                   cast.RAYS, CLOSER_RAYS, Rules.sectors
     noise that a simulator has: how it is told; how smooth surfaces are    noise_levels.QUANTILE, smooth.PLANE_MISFIT
 
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.

@@ -26,6 +26,8 @@ from jaxsim.progress import counted
 
 RAYS = 20_000
 """Rays that a fit looks at, if the frames have so many."""
+CLOSER_RAYS = 60_000
+"""The same of a closer look, where the first leaves effects undecided."""
 OBJECT_SD = 0.2
 """Standard deviation of an object's reflectance about its class in the street, nats."""
 PATCH_SD = 0.15

@@ -108,9 +108,9 @@ class OtherSides:
         def by_scene(score: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, " s"]:
             return here.ev.by_scene((score - self.fit.score)[:, used].sum(-1))
 
-        # None of the scenes decides alone.
-        gained = float(clipped(by_scene(placed.score)).mean())
-        if gained >= self.share * of.total / len(of.gain):
+        # None of the scenes decides alone; of more rays each says more.
+        gained = float(clipped(by_scene(placed.score)).mean()) / rays_by_scene(here).mean()
+        if gained >= self.share * of.total / len(of.gain) / rays_by_scene(there).mean():
             return True
         # Of a rare event most scenes of either side say nothing, and a lattice has no direction.
         if self.why != CONTROL or of.sudden or law.name in FINEST:

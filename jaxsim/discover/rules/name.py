@@ -63,6 +63,11 @@ class NameRules:
     """Rows to each side over which beams' numbers are made smooth, to see what the beams gain beyond their rows
     (tests/discover/name/test_candidates.py: a line stays, numbers of a beam each lose more than half their variance).
     """
+    closer_nats: float = 2.0
+    """Gain from which on a candidate that is not accepted makes a closer look worth its time: three times as much might
+    pass the bar (a judgement, not calibrated) ..."""
+    closer_most: int = 12
+    """... which asks so many, the best (a judgement, not calibrated)."""
     nearly_share: float = 0.9
     """Share of the best's gain from which a simpler one of its channels is tried instead, if others came after it (a
     judgement, not calibrated; tests/discover/name/test_select.py)."""

@@ -1,0 +1,57 @@
+"""A closer look, at more columns of the same frames, where the first look leaves effects undecided.
+
+Fits look at a few columns of each frame (`cast.RAYS`), which is enough for what is clear. What gains a few nats there
+may be chance, or a small effect: other columns see other surfaces, each with a reflectance of its own, so that three
+times the columns tell nearly three times as much. So candidates that are left with some hope are asked once more, and
+those that were chosen beside them; the rest of the catalogue is not, for it gained next to nothing.
+
+With more rays, small errors of the model count for more as well. So an effect that the closer look alone names is
+believed where nothing else is left over of its channels there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.rules import RULES
+
+
+def undecided(answer: Answer) -> tuple[str, ...]:
+    """Names of the candidates beside what was chosen that a closer look shall ask, best first; none where none has
+    hope. Those that were refused stay so."""
+    left = [c for c in answer.choice.last if hope(c) > 0 and c.effect.name not in answer.choice.refused]
+    left.sort(key=hope, reverse=True)
+    # What looks alike may gain next to nothing beside it as yet, and is asked with it.
+    hopeful = left and hope(left[0]) > RULES.closer_nats
+    return tuple(c.effect.name for c in left[: RULES.closer_most]) if hopeful else ()
+
+
+def hope(candidate: Candidate) -> float:
+    """What a candidate gains by what is its own, nats."""
+    return min(candidate.total, candidate.rough_nats)
+
+
+def finds_more(closer: Answer, first: Answer) -> bool:
+    """Whether a closer look names effects that the first did not, and leaves nothing over of their channels."""
+    before = {step.chosen.effect.name for step in first.choice.steps}
+    new = [step.chosen.effect for step in closer.choice.steps if step.chosen.effect.name not in before]
+    left_over = closer.curve[0].channel if closer.curve else None
+    return bool(new) and all(left_over not in effect.channels for effect in new)
+
+
+def told_whole(closer: Answer, first: Answer) -> Answer:
+    """The closer answer with what only the first look asked in its first ranking, and with what that refused."""
+    choice = closer.choice
+    asked = {candidate.effect.name for candidate in choice.first_ranking}
+    others = [candidate for candidate in first.choice.first_ranking if candidate.effect.name not in asked]
+    ranking = sorted((*choice.first_ranking, *others), key=lambda candidate: -candidate.total)
+    steps = (replace(choice.steps[0], ranking=tuple(ranking)), *choice.steps[1:])
+    choice = replace(
+        choice,
+        steps=steps,
+        refused={**first.choice.refused, **choice.refused},
+        needless=(*first.choice.needless, *choice.needless),
+    )
+    return replace(closer, choice=choice, elsewhere=tuple(dict.fromkeys((*first.elsewhere, *closer.elsewhere))))
