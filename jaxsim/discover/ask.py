@@ -15,6 +15,7 @@ from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.mounting import brought_back, place_mounting
 from jaxsim.discover.name.answer import Answer, name_effects
 from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.doubts import Doubts
 from jaxsim.discover.name.other_sides import OtherSides
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.place import Placed
@@ -112,11 +113,13 @@ def answer_of(
         nulls=nulls,
         without=without,
         unasked=HIDDEN_BY_CONTRAST if simulator.free_contrast else HIDDEN_BY_NOISE if simulator.intensities else (),
-        others=others,
-        exchanged=None if two_readings else exchanged,
-        noise_grows=cache(partial(range_noise_grows, comparison)),
+        doubts=Doubts(
+            others,
+            exchanged=None if two_readings else exchanged,
+            noise_grows=cache(partial(range_noise_grows, comparison)),
+            apart=placed.division.apart,
+        ),
         leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
-        apart=placed.division.apart,
         log=log,
     )
     return answer, others

@@ -12,8 +12,9 @@ from jaxsim.discover.division import Division
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import shared_levels
-from jaxsim.discover.name.answer import SHOWN_ELSEWHERE, Answer
+from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.doubts import SHOWN_ELSEWHERE
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL

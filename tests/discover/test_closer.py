@@ -9,7 +9,8 @@ from jaxsim.discover.ask import ask
 from jaxsim.discover.closer import finds_more, told_whole, undecided
 from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.division import NOTHING_YET
-from jaxsim.discover.name.answer import NEGLIGIBLE, Answer
+from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.doubts import NEGLIGIBLE
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.place import place
 from jaxsim.discover.read import Comparison

@@ -8,7 +8,8 @@ import numpy as np
 from jaxsim.discover.division import Division
 from jaxsim.discover.explain import named, notes, why_not
 from jaxsim.discover.model.noise_levels import Levels
-from jaxsim.discover.name.answer import DENIED, NEGLIGIBLE, Answer
+from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read import Comparison

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from jaxsim.discover.covariates import Dependence, spelled
 from jaxsim.discover.find import dependences_of
-from jaxsim.discover.model.fit import Problem, on_top
+from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.each_class import denied_without, shown_by
+from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE, NO_DOUBTS, SHOWN_BY, SHOWN_ELSEWHERE, UNFOUNDED, Doubts
 from jaxsim.discover.name.null_draws import draw_nulls
-from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, goes_by_steps
+from jaxsim.discover.name.other_sides import CONTROL, OtherSides
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, add_steps, choose, step_along, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
@@ -31,19 +31,6 @@ FreeCurve = tuple[Dependence, Candidate]
 """A free curve, and along what it runs."""
 LeavesNothing = Callable[[FreeCurve, Sequence[Law], float], bool]
 """Whether the law of a free curve, in place, leaves effects nothing to say that passes a bar."""
-
-SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before what is simulated"
-DENIED = "all other surfaces speak against it, without those of"
-"""Followed by a class's name, and the next by one or more."""
-SHOWN_BY = "none but these surfaces show it, of which one side alone has some:"
-SHOWN_ELSEWHERE = {
-    EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
-    CONTROL: "what the simulator lacks by itself, and nothing new",
-    SCARCE: "what a beam of some width does on thin things, which a simulator that casts single rays misses",
-}
-"""What it means that something was found which is not said, by why."""
-NEGLIGIBLE = f"less than {RULES.negligible:.0%} of what is clearly visible"
-UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 
 
 @dataclass(frozen=True)
@@ -91,11 +78,8 @@ def name_effects(
     nulls: int = 0,
     without: Sequence[str] = (),
     unasked: Sequence[Along] = (),
-    others: Sequence[Callable[[], OtherSides]] = (),
-    exchanged: Callable[[], OtherSides] | None = None,
-    noise_grows: Callable[[], bool] = lambda: True,
+    doubts: Doubts = NO_DOUBTS,
     leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
-    apart: Sequence[int] = (),
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
@@ -104,32 +88,12 @@ def name_effects(
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`,
     and none of `unasked`.
-    What `others` show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
-    control's frames. They are asked where anything is found; of a simulator without noise the sides `exchanged` are
-    asked of what goes by depth steps alone. So is what is too small to matter (`Rules.negligible`).
-    Noise that grows as echoes weaken is said where that of neighbouring readings does (`noise_grows`), which knows
-    nothing of poses and surfaces. What one class alone shows is not said (`denied_without`; `shown_by`, of classes that
-    are `apart`). `leaves_nothing` tells whether a free curve's law leaves effects nothing to say.
+    What was found and `doubts` speak against is not said. `leaves_nothing` tells whether a free curve's law leaves
+    effects nothing to say.
     """
 
-    def reasons(step: FittedStep, beside: Problem) -> Iterator[str]:
-        effect = step.chosen.effect
-        asked = (exchanged, *others) if exchanged and goes_by_steps(effect) else others
-        yield from (sides.why for other in asked if (sides := other()).has(step, null))
-        if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
-            yield SCARCE
-        if effect.name not in FINEST and step.chosen.size < RULES.negligible:
-            yield NEGLIGIBLE
-        if effect.name == "range_noise" and not noise_grows():
-            yield UNFOUNDED
-        if alone := denied_without(step, beside):
-            yield f"{DENIED} {alone}"
-        if alone := shown_by(step, beside, apart):
-            yield f"{SHOWN_BY} {alone}"
-
     def refuse(step: FittedStep, beside: Problem) -> str:
-        # The first decides: what is asked later is not asked any more.
-        why = next(reasons(step, beside), "")
+        why = doubts.against(step, beside, null=null)
         if why:
             log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, not said: {why}")
         return why
@@ -154,7 +118,7 @@ def name_effects(
         choice = add_steps(null, catalogue, (step,), bars=choice.bars, refuse=refuse, log=log)
         answer = decided(choice, but=unasked)
     # The strongest may be found elsewhere and the next one not: curves are struck off one by one.
-    while answer.curve and (why := _elsewhere(others, answer.choice.problem, answer.curve)):
+    while answer.curve and (why := _elsewhere(doubts.others, answer.choice.problem, answer.curve)):
         passed.append(((answer.curve[0].channel, answer.curve[0].covariate), why))
         log(f"{curve_in_words(passed[-1][0])}, not said: {why}")
         # Effects that say less than what the simulator lacks by itself are part of that.
@@ -167,12 +131,6 @@ def name_effects(
         unasked=(*unasked, *(along for along, _ in passed)),
         elsewhere=(*effects, *((curve_in_words(along), why) for along, why in passed)),
     )
-
-
-def clutter_of(null: Problem, step: FittedStep) -> float:
-    """The share of false returns before surfaces that an effect adds, over all rays."""
-    rays = on_top(step.chosen.effect, null, step.fit.z).ev.rays
-    return float(np.mean(np.asarray(rays.clutter) - np.asarray(null.ev.rays.clutter)))
 
 
 def _elsewhere(others: Sequence[Callable[[], OtherSides]], problem: Problem, curve: FreeCurve) -> str:

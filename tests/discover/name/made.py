@@ -8,6 +8,7 @@ import numpy as np
 from jaxsim.discover.model.fit import Fit, Problem
 from jaxsim.discover.model.noise import START
 from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.other_sides import OtherSides
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.effects import EFFECTS
 
@@ -39,3 +40,18 @@ def problem(**fields: Any) -> Problem:
     for name, value in fields.items():
         object.__setattr__(bare, name, value)
     return bare
+
+
+def showing(*, why: str, all_curves: bool = False, effects: bool = False) -> OtherSides:
+    """Other sides, which show every curve, or every effect, or none."""
+
+    class Sides(OtherSides):
+        def has_curve(self, fitted_to, along, curve):
+            return all_curves
+
+        def has(self, step, there):
+            return effects
+
+    sides = object.__new__(Sides)
+    object.__setattr__(sides, "why", why)
+    return sides

@@ -3,19 +3,16 @@
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 import pytest
 
 from jaxsim.discover.covariates import Dependence
-from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.name import answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides
+from jaxsim.discover.name.doubts import Doubts
+from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.verdict import Unexplained
-from jaxsim.effects import EFFECTS
-from tests.discover import noisy_street
-from tests.discover.name.made import CHANNEL, candidate, problem, step
+from tests.discover.name.made import CHANNEL, candidate, problem, showing, step
 
 NUMBERS = 36
 """Of each free curve here."""
@@ -129,24 +126,12 @@ def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch, curve_of):
         assert said.choice.problem is remains
 
 
-def showing(*, why: str, all_curves: bool) -> OtherSides:
-    """Other sides, which show every curve, or none."""
-
-    class Sides(OtherSides):
-        def has_curve(self, fitted_to, along, curve):
-            return all_curves
-
-    sides = object.__new__(Sides)
-    object.__setattr__(sides, "why", why)
-    return sides
-
-
 def test_a_curve_that_other_sides_show_is_not_asked_again(monkeypatch, curve_of):
     curve_of("intensity", candidate("curve", 9))
     whole = problem()
     monkeypatch.setattr(answer, "choose", lambda *_, **__: Choice((), (), whole))
     others = [partial(showing, why=EXCHANGED, all_curves=False), partial(showing, why=CONTROL, all_curves=True)]
-    said = answer.name_effects(whole, [], [], others=others)
+    said = answer.name_effects(whole, [], [], doubts=Doubts(others))
     assert said.verdict == "none"
     assert said.elsewhere == (("intensity along range", CONTROL),)
     assert answer.name_effects(whole, [], []).verdict == "not_in_catalogue"
@@ -166,33 +151,10 @@ def test_what_goes_by_a_free_curves_covariate_is_named_unless_the_curve_says_mor
     monkeypatch.setattr(answer, "step_along", lambda choice, *along: fall if along == ("intensity", "range") else None)
     monkeypatch.setattr(answer, "add_steps", lambda null, catalogue, begun, **_: Choice(tuple(begun), (), whole))
     monkeypatch.setattr(Candidate, "size", 1.0)
-    for name in ("denied_without", "shown_by"):
-        monkeypatch.setattr(answer, name, lambda *_: "")
+    monkeypatch.setattr(Doubts, "against", lambda *_, **__: "")
     said = answer.name_effects(whole, [], [])
     assert said.verdict == verdict
     assert [one.chosen.effect.name for one in said.choice.steps] == ["range_falloff"] * (verdict == "named")
-
-
-@pytest.mark.parametrize(("name", "why"), [("mixed_pixels", EXCHANGED), ("beam_range_bias", "")])
-def test_exchanged_sides_are_asked_of_depth_steps_whatever_the_simulator(monkeypatch, name, why):
-    whole = problem()
-    sides = showing(why=EXCHANGED, all_curves=False)
-    monkeypatch.setattr(type(sides), "has", lambda self, step, there: True)
-    found = step(candidate(name, 9, "range"))
-    refused = []
-    # Nothing else speaks against either.
-    monkeypatch.setattr(answer, "denied_without", lambda step, problem: "")
-    monkeypatch.setattr(answer, "shown_by", lambda step, problem, classes: "")
-    monkeypatch.setattr(answer, "RULES", replace(answer.RULES, negligible=0.0))
-
-    def choose(null, catalogue, *, refuse, log):
-        refused.append(refuse(found, null))
-        return Choice((), (), whole)
-
-    monkeypatch.setattr(answer, "choose", choose)
-    monkeypatch.setattr(answer, "decide", lambda null, choice, **_: answer.Answer("none", choice, None))
-    answer.name_effects(whole, [], [], exchanged=lambda: sides)
-    assert refused == [why]
 
 
 @pytest.mark.parametrize(("why", "verdict"), [(CONTROL, "none"), (EXCHANGED, "named")])
@@ -205,7 +167,7 @@ def test_an_effect_that_says_less_than_what_the_simulator_lacks_by_itself_is_par
     monkeypatch.setattr(answer, "choose", lambda *_, **__: weak)
     monkeypatch.setattr(answer, "named_answer", lambda choice, **_: answer.Answer("named", choice, None))
     others = [partial(showing, why=why, all_curves=True)]
-    said = answer.name_effects(whole, [], [], others=others)
+    said = answer.name_effects(whole, [], [], doubts=Doubts(others))
     assert said.verdict == verdict
     assert len(said.choice.steps) == (verdict == "named")
 
@@ -224,31 +186,3 @@ def test_without_a_curve_that_is_not_confirmed_the_rest_stays(steps, verdict):
     assert left.choice is found.choice
     assert left.unconfirmed == ("intensity along range",)
     assert answer.without_curve(left) is left
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("standard_promotion")
-@pytest.mark.parametrize(("share", "said"), [(0.002, False), (0.02, True)])
-def test_false_returns_are_said_where_they_are_more_than_thin_things_make(share, said):
-    """Cast and disturbed in plain NumPy: a share of the rays reads anything before its surface."""
-    of = noisy_street.comparison({}, {"range_m": 0.01}, 12)
-    rng = np.random.default_rng(2)
-    false = rng.random(of.measured.valid.shape) < share
-    early = np.where(false, rng.uniform(0.1, 0.9, false.shape), 1) * of.measured.range_m
-    null = NullModel.of(Division.of(replace(of, measured=replace(of.measured, range_m=early.astype(np.float32)))))
-    told = answer.name_effects(null.problem, [EFFECTS["interference"]], ())
-    assert [step.chosen.effect.name for step in told.choice.steps] == ["interference"] * said
-    assert told.elsewhere == (() if said else (("interference", answer.SCARCE),))
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("standard_promotion")
-@pytest.mark.parametrize(("scale", "said"), [(0.00015, False), (0.002, True)])
-def test_what_is_too_small_to_matter_is_not_said(scale, said):
-    """Cast and disturbed in plain NumPy: ranges are wrong by a seven-thousandth, or by what is clearly visible."""
-    of = noisy_street.comparison({}, {"range_m": 0.01}, 12)
-    off = replace(of.measured, range_m=(of.measured.range_m * (1 + scale)).astype(np.float32))
-    null = NullModel.of(Division.of(replace(of, measured=off)))
-    told = answer.name_effects(null.problem, [EFFECTS["range_scale"]], ())
-    assert [step.chosen.effect.name for step in told.choice.steps] == ["range_scale"] * said
-    assert told.negligible == (() if said else ("range_scale",))

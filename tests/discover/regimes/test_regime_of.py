@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.name import select
-from jaxsim.discover.name.answer import UNFOUNDED, Answer
+from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.doubts import UNFOUNDED
 from jaxsim.discover.name.other_sides import EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read.control import NO_CONTROL, Control

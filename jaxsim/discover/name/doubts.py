@@ -1,0 +1,72 @@
+"""What an effect is held to that passed the bar, before it is said: other sides, one class alone, sizes that matter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsim.discover.model.fit import Problem, on_top
+from jaxsim.discover.model.noise_levels import FINEST
+from jaxsim.discover.name.each_class import denied_without, shown_by
+from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, goes_by_steps
+from jaxsim.discover.name.select import FittedStep
+from jaxsim.discover.rules import RULES
+
+SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before what is simulated"
+DENIED = "all other surfaces speak against it, without those of"
+"""Followed by a class's name, and the next by one or more."""
+SHOWN_BY = "none but these surfaces show it, of which one side alone has some:"
+SHOWN_ELSEWHERE = {
+    EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
+    CONTROL: "what the simulator lacks by itself, and nothing new",
+    SCARCE: "what a beam of some width does on thin things, which a simulator that casts single rays misses",
+}
+"""What it means that something was found which is not said, by why."""
+NEGLIGIBLE = f"less than {RULES.negligible:.0%} of what is clearly visible"
+UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """What there is to hold effects to."""
+
+    others: Sequence[Callable[[], OtherSides]] = ()
+    """What they show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
+    control's frames. They are asked where anything is found."""
+    exchanged: Callable[[], OtherSides] | None = None
+    """The sides exchanged of a simulator without noise, which are asked of what goes by depth steps alone."""
+    noise_grows: Callable[[], bool] = lambda: True
+    """Whether the noise of neighbouring readings, which knows nothing of poses and surfaces, grows as echoes weaken."""
+    apart: Sequence[int] = ()
+    """Classes whose surfaces are partly others on the two sides."""
+
+    def against(self, step: FittedStep, beside: Problem, *, null: Problem) -> str:
+        """Why an effect that would be added to the problem `beside` is none after all; empty where it is one."""
+        # The first decides: what is asked later is not asked any more.
+        return next(self._reasons(step, beside, null), "")
+
+    def _reasons(self, step: FittedStep, beside: Problem, null: Problem) -> Iterator[str]:
+        effect = step.chosen.effect
+        asked = (self.exchanged, *self.others) if self.exchanged and goes_by_steps(effect) else self.others
+        yield from (sides.why for other in asked if (sides := other()).has(step, null))
+        if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
+            yield SCARCE
+        if effect.name not in FINEST and step.chosen.size < RULES.negligible:
+            yield NEGLIGIBLE
+        if effect.name == "range_noise" and not self.noise_grows():
+            yield UNFOUNDED
+        if alone := denied_without(step, beside):
+            yield f"{DENIED} {alone}"
+        if alone := shown_by(step, beside, self.apart):
+            yield f"{SHOWN_BY} {alone}"
+
+
+NO_DOUBTS = Doubts()
+
+
+def clutter_of(null: Problem, step: FittedStep) -> float:
+    """The share of false returns before surfaces that an effect adds, over all rays."""
+    rays = on_top(step.chosen.effect, null, step.fit.z).ev.rays
+    return float(np.mean(np.asarray(rays.clutter) - np.asarray(null.ev.rays.clutter)))
