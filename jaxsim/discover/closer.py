@@ -15,13 +15,17 @@ from dataclasses import replace
 
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.other_sides import goes_by_steps
 from jaxsim.discover.rules import RULES
 
 
 def undecided(answer: Answer) -> tuple[str, ...]:
     """Names of the candidates beside what was chosen that a closer look shall ask, best first; none where none has
-    hope. Those that were refused stay so."""
-    left = [c for c in answer.choice.last if hope(c) > 0 and c.effect.name not in answer.choice.refused]
+    hope. Those that were refused stay so; and beams that point elsewhere by a hundredth of a degree do at depth steps
+    what looks like an effect of these, the more clearly the more rays there are."""
+    refused = answer.choice.refused
+    left = [c for c in answer.choice.last if c.effect.name not in refused and not goes_by_steps(c.effect)]
+    left = [c for c in left if hope(c) > 0]
     left.sort(key=hope, reverse=True)
     # What looks alike may gain next to nothing beside it as yet, and is asked with it.
     hopeful = left and hope(left[0]) > RULES.closer_nats

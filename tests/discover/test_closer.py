@@ -35,11 +35,13 @@ def test_candidates_that_are_left_with_some_hope_are_asked_once_more_with_those_
     assert 11 * 0.1 < RULES.closer_nats < 11 * 0.5
 
 
-def test_what_was_refused_stays_so_and_beams_that_a_smooth_change_explains_have_no_hope():
+def test_what_was_refused_or_goes_by_edges_stays_so_and_beams_that_a_smooth_change_explains_have_no_hope():
     weak = candidate("range_scale", 0.5, "range")
     assert undecided(answer(last=(weak,), refused={"range_scale": NEGLIGIBLE})) == ()
     gains = replace(candidate("beam_gain", 9.0), over_smooth=np.full(11, -0.5))
     assert undecided(answer(last=(gains,))) == ()
+    # Beams that point a little elsewhere do the same at edges.
+    assert undecided(answer(last=(candidate("mixed_pixels", 0.5, "range"),))) == ()
 
 
 def test_a_closer_look_is_believed_where_it_leaves_nothing_over_of_what_it_names():
