@@ -129,22 +129,22 @@ class RaysInCells:
         self, channel: int, weight: Array, off: Array, *, sd: Array, half_step: float, size: np.ndarray
     ) -> Maps:
         """The maps of residuals `off` of which levels and poses took their part, those of ln I (channel 0) or of range
-        (1); a reading of so large a `size` is rounded by half a step."""
-        weight_of, variance = np.asarray(weight, np.float64), np.asarray(sd, np.float64) ** 2
-        steeper = 1 - robust_slope(weight_of, variance)
+        (1); rounding may move each by `half_step` over the `size` of its reading."""
+        weights, variance = np.asarray(weight, np.float64), np.asarray(sd, np.float64) ** 2
+        steeper = 1 - robust_slope(weights, variance)
 
         def response(pattern: PatternMap) -> MapSums:
             made = MADE_HEIGHT * self.at(pattern)
             # What stays of it in the residuals makes weights smaller, on the side to which it points.
             only = self.left_of(made - steeper * self.left_of(made, channel), channel)
-            return self.summed(weight_of * only / MADE_HEIGHT)
+            return self.summed(weights * only / MADE_HEIGHT)
 
         coarse = None
         if half_step:
-            squares = self.summed(weight_of * (half_step / size) ** 2).sum(0)
-            coarse = np.sqrt(squares / np.maximum(self.summed(weight_of).sum(0), 1e-12))
-        total = self.summed(weight_of * np.asarray(off, np.float64))
-        return Maps(self.summed(weight_of), total, response, coarse)
+            squares = self.summed(weights * (half_step / size) ** 2).sum(0)
+            coarse = np.sqrt(squares / np.maximum(self.summed(weights).sum(0), 1e-12))
+        total = self.summed(weights * np.asarray(off, np.float64))
+        return Maps(self.summed(weights), total, response, coarse)
 
     def left_of(self, made: np.ndarray, channel: int) -> np.ndarray:
         """Residuals if measured and simulated differed by this alone: what levels and poses leave of it."""
