@@ -116,7 +116,7 @@ class RaysInCells:
         cell = np.ravel_multi_index((np.broadcast_to(scene[:, None, None], row.shape), row, column), shape).ravel()
         return cls(problem, np.asarray(in_fit, np.float32), cell, shape)
 
-    def at(self, pattern: PatternMap) -> Float[np.ndarray, "b c r"]:
+    def at(self, pattern: PatternMap) -> Float[np.ndarray, "b n r"]:
         """The height of a pattern at each ray."""
         return pattern[np.asarray(self.problem.ev.rays.row), np.asarray(self.problem.ev.rays.column)]
 
