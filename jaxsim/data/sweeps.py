@@ -22,7 +22,7 @@ from jaxtyping import Float
 from jaxsim.files import check_size, need
 from jaxsim.frame import Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import full_grid, points_to_polar, preset
-from jaxsim.geometry.points import FAR_M
+from jaxsim.geometry.points import check_points
 
 _FULL_SCALE: dict[str, float] = {"reflectivity": 255.0, "signal": 65535.0}
 _NUSCENES_SENSOR = "hdl32e"
@@ -90,14 +90,7 @@ def _read_points(path: Path) -> Float[np.ndarray, "n 5"]:
             "20 bytes each): truncated, or not a LIDAR_TOP file"
         )
     points = np.fromfile(path, "<f4").reshape(-1, 5)
-    broken = int((~np.isfinite(points).all(axis=1)).sum())
-    if broken:
-        raise ValueError(f"nuscenes: {path}: {broken} of {len(points)} points are NaN or infinite; copy it again")
-    far = float(np.abs(points[:, :3]).max())
-    if far > FAR_M:
-        raise ValueError(
-            f"nuscenes: {path}: a point lies {far:g} off along an axis; coordinates must be in metres, within {FAR_M:g}"
-        )
+    check_points(points[:, :3], f"nuscenes: {path}")
     ring, lines = points[:, 4], preset(_NUSCENES_SENSOR).rows
     if (ring != np.round(ring)).any() or ring.min() < 0 or ring.max() >= lines:
         raise ValueError(

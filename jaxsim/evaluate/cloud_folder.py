@@ -26,11 +26,11 @@ from jaxsim.detect.scenes import View, check_detectable, seen_by
 from jaxsim.evaluate.detector import LearnedDetector, find_all, make_find
 from jaxsim.files import CHANGED, claim, digest_of_values, files_in, parse_json, stamp, tell_anew, why_anew, write_text
 from jaxsim.frame import Boxes
+from jaxsim.geometry import camera_at_lidar
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics.detection.files import read_detections
 
-# Right, down and forward of `cam` are -y, -z and x of `velo`.
-_AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+_AXES = np.asarray(camera_at_lidar(np.eye(3)).cam_from_velo, np.float64)
 AT_LIDAR = View(intrinsics=np.eye(3), cam_from_velo=_AXES, rect_from_velo=_AXES, size=(1, 1))
 """Where boxes are written without a calibration: a camera that stands in the LiDAR. Their rectangles are empty."""
 

@@ -8,6 +8,7 @@ image and from each other as they were.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -154,8 +155,7 @@ def make_train_step(
     """
     weights = experiment.loss
     adversary = uses_discriminator(experiment)
-    distribution = experiment.generator.form == "unet"
-    if distribution and (adversary or weights.perceptual):
+    if experiment.generator.form == "unet" and (adversary or weights.perceptual):
         raise ValueError(
             "generator: a unet gives quantiles, which no discriminator and no VGG can look at; set --loss.gan 0 "
             "--loss.perceptual 0, and --loss.reconstruction above 0"
@@ -164,108 +164,13 @@ def make_train_step(
         raise ValueError("every loss term has weight 0: set loss.gan, loss.perceptual or loss.reconstruction")
     if weights.perceptual and vgg is None:
         vgg = load_vgg(weights.vgg_weights)
-    precision = experiment.optim.precision
-    compute = None if precision == "float32" else jnp.dtype(precision)
-    generator_graph = generator_definition(experiment.generator, in_channels, precision=precision)
-    discriminator_graph = discriminator_definition(experiment, in_channels) if adversary else None
-    adam = optimiser(experiment.optim)
-
-    def mean(tree: PyTree) -> PyTree:
-        """Takes the mean over the devices that share the batch; their parts are of one size."""
-        return tree if mesh is None else jax.lax.pmean(tree, DATA)
-
-    def generate(network: Network, inputs: Array) -> tuple[Array, Network]:
-        module = join(generator_graph, network)
-        return module(inputs, train=True), split(module)[1]
-
-    def discriminate(network: Network, inputs: Array, image: Array) -> tuple[Any, Network]:
-        module = join(discriminator_graph, network)
-        return module(inputs, image, train=True), split(module)[1]
-
-    def of_generator(network: Network, discriminator: Network | None, batch: PairBatch, *, vgg: LossWeights | None):
-        """The generator's loss; and its terms, the image and both networks after their passes."""
-        inputs, target = batch["inputs"], batch["target"]
-        image, network = generate(network, inputs)
-        terms = {}
-        if discriminator is not None:
-            on_fake, discriminator = discriminate(discriminator, inputs, image)
-            # Every pass moves the spectral norms' vectors on, so that the order, fake and then real, counts.
-            on_real, discriminator = discriminate(discriminator, inputs, target)
-            terms |= generator_terms(on_fake, on_real, weights.form)
-            if not weights.feature_matching:
-                del terms["feature_matching"]
-        if vgg is not None and weights.perceptual:
-            imagenet = weights.form == "imaginaire"
-            terms["perceptual"] = perceptual(vgg, image, target, imagenet=imagenet, compute=compute)
-        if distribution:
-            intensity, weight = (target[..., 0] + 1) / 2, batch["weight"]
-            returned = weight * batch["returned"].astype(weight.dtype)
-            terms["reconstruction"] = quantile_loss(image, intensity, returned, mean=mean)
-            terms["drops"] = drop_loss(image, batch["dropped"], weight, mean=mean)
-        elif weights.reconstruction:
-            terms["reconstruction"] = reconstruction(image, target, batch["weight"], mean=mean)
-        total = sum(getattr(weights, name) * term for name, term in terms.items())
-        return total, (terms, image, network.vectors, discriminator)
-
-    def train_discriminator(
-        discriminator: Network, optim: PyTree, batch: PairBatch, *, fake: Array
-    ) -> tuple[Network, PyTree, dict[str, Array]]:
-        # The image is a constant here: the gradient is taken in the discriminator's own parameters alone.
-        def of_discriminator(parameters: PyTree):
-            on_fake, network = discriminate(Network(parameters, discriminator.vectors), batch["inputs"], fake)
-            on_real, network = discriminate(network, batch["inputs"], batch["target"])
-            return weights.gan * discriminator_loss(on_fake, on_real, weights.form), network.vectors
-
-        (loss, vectors), gradient = jax.value_and_grad(of_discriminator, has_aux=True)(discriminator.parameters)
-        # Vectors follow from the kernels alone, and need no mean: they are the same on every device.
-        loss, gradient = mean((loss, gradient))
-        updates, optim = adam.update(gradient, optim)
-        discriminator = Network(optax.apply_updates(discriminator.parameters, updates), vectors)
-        return discriminator, optim, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
-
-    def train_step(state: TrainState, batch: PairBatch, vgg: LossWeights | None) -> tuple[TrainState, dict[str, Array]]:
-        metrics: dict[str, Array] = {"lr": learning_rate(experiment.optim, state.step)}
-        discriminator = state.discriminator
-        discriminator_optim = state.discriminator_optim
-        vectors = state.generator.vectors
-        # Imaginaire's order: the generator then learns from a discriminator that has seen an image of this step.
-        first = experiment.optim.updates == "discriminator_first"
-        if discriminator is not None and first:
-            fake, network = generate(state.generator, batch["inputs"])
-            vectors = network.vectors
-            discriminator, discriminator_optim, told = train_discriminator(
-                discriminator, discriminator_optim, batch, fake=fake
-            )
-            metrics |= told
-
-        loss_of = lambda parameters: of_generator(Network(parameters, vectors), discriminator, batch, vgg=vgg)  # noqa: E731
-        (loss, (terms, fake, vectors, discriminator)), gradient = jax.value_and_grad(loss_of, has_aux=True)(
-            state.generator.parameters
-        )
-        loss, terms, gradient = mean((loss, terms, gradient))
-        updates, optim = adam.update(gradient, state.generator_optim)
-        trained = Network(optax.apply_updates(state.generator.parameters, updates), vectors)
-        metrics |= {f"loss/{name}": term for name, term in terms.items()}
-        metrics |= {"loss/generator": loss, "grad_norm/generator": optax.tree.norm(gradient)}
-
-        if discriminator is not None and not first:
-            discriminator, discriminator_optim, told = train_discriminator(
-                discriminator, discriminator_optim, batch, fake=fake
-            )
-            metrics |= told
-        metrics["finite"] = jnp.stack([jnp.isfinite(value) for value in metrics.values()]).all()
-        step = state.step + 1
-        state = TrainState(
-            step=step,
-            generator=trained,
-            generator_optim=optim,
-            discriminator=discriminator,
-            discriminator_optim=discriminator_optim,
-            ema=_average(experiment, state.ema, trained, step=step),
-        )
-        return state, metrics
-
-    step = train_step
+    graphs = Graphs(
+        experiment,
+        generator_definition(experiment.generator, in_channels, precision=experiment.optim.precision),
+        discriminator_definition(experiment, in_channels) if adversary else None,
+        shared=mesh is not None,
+    )
+    step = partial(_train_step, graphs=graphs)
     if mesh is not None:
         step = jax.shard_map(step, mesh=mesh, in_specs=(WHOLE, CUT, WHOLE), out_specs=WHOLE, check_vma=False)
         vgg = everywhere(mesh, vgg)
@@ -278,6 +183,131 @@ def make_train_step(
         ),
         vgg=vgg,
     )
+
+
+@dataclass(frozen=True)
+class Graphs:
+    """Both networks without values, as a training step runs them."""
+
+    experiment: Experiment
+    generator: Any
+    discriminator: Any
+    """None where no loss term uses it."""
+    shared: bool
+    """Whether devices share a batch."""
+
+    def generate(self, network: Network, inputs: Array) -> tuple[Array, Network]:
+        """The image, and the network after this pass."""
+        module = join(self.generator, network)
+        return module(inputs, train=True), split(module)[1]
+
+    def discriminate(self, network: Network, inputs: Array, image: Array) -> tuple[Any, Network]:
+        """The discriminator's answer and features, and the network after this pass."""
+        module = join(self.discriminator, network)
+        return module(inputs, image, train=True), split(module)[1]
+
+    def mean(self, tree: PyTree) -> PyTree:
+        """Takes the mean over the devices that share the batch; their parts are of one size."""
+        return jax.lax.pmean(tree, DATA) if self.shared else tree
+
+
+def _train_step(
+    state: TrainState, batch: PairBatch, vgg: LossWeights | None, *, graphs: Graphs
+) -> tuple[TrainState, dict[str, Array]]:
+    """Both networks' updates, in the order that the experiment says, and the average's."""
+    config = graphs.experiment.optim
+    metrics: dict[str, Array] = {"lr": learning_rate(config, state.step)}
+    discriminator = state.discriminator
+    discriminator_optim = state.discriminator_optim
+    vectors = state.generator.vectors
+    # Imaginaire's order: the generator then learns from a discriminator that has seen an image of this step.
+    first = config.updates == "discriminator_first"
+    if discriminator is not None and first:
+        fake, network = graphs.generate(state.generator, batch["inputs"])
+        vectors = network.vectors
+        discriminator, discriminator_optim, told = _train_discriminator(
+            discriminator, discriminator_optim, batch, fake=fake, graphs=graphs
+        )
+        metrics |= told
+
+    def loss_of(parameters: PyTree) -> tuple[Array, Any]:
+        return _generator_loss(Network(parameters, vectors), discriminator, batch, vgg=vgg, graphs=graphs)
+
+    (loss, (terms, fake, vectors, discriminator)), gradient = jax.value_and_grad(loss_of, has_aux=True)(
+        state.generator.parameters
+    )
+    loss, terms, gradient = graphs.mean((loss, terms, gradient))
+    updates, optim = optimiser(config).update(gradient, state.generator_optim)
+    trained = Network(optax.apply_updates(state.generator.parameters, updates), vectors)
+    metrics |= {f"loss/{name}": term for name, term in terms.items()}
+    metrics |= {"loss/generator": loss, "grad_norm/generator": optax.tree.norm(gradient)}
+
+    if discriminator is not None and not first:
+        discriminator, discriminator_optim, told = _train_discriminator(
+            discriminator, discriminator_optim, batch, fake=fake, graphs=graphs
+        )
+        metrics |= told
+    metrics["finite"] = jnp.stack([jnp.isfinite(value) for value in metrics.values()]).all()
+    step = state.step + 1
+    state = TrainState(
+        step=step,
+        generator=trained,
+        generator_optim=optim,
+        discriminator=discriminator,
+        discriminator_optim=discriminator_optim,
+        ema=_average(graphs.experiment, state.ema, trained, step=step),
+    )
+    return state, metrics
+
+
+def _generator_loss(
+    network: Network, discriminator: Network | None, batch: PairBatch, *, vgg: LossWeights | None, graphs: Graphs
+) -> tuple[Array, tuple[dict[str, Array], Array, PyTree, Network | None]]:
+    """The generator's loss; and its terms, the image, its vectors and the discriminator after their passes."""
+    experiment = graphs.experiment
+    weights = experiment.loss
+    inputs, target = batch["inputs"], batch["target"]
+    image, network = graphs.generate(network, inputs)
+    terms = {}
+    if discriminator is not None:
+        on_fake, discriminator = graphs.discriminate(discriminator, inputs, image)
+        # Every pass moves the spectral norms' vectors on, so that the order, fake and then real, counts.
+        on_real, discriminator = graphs.discriminate(discriminator, inputs, target)
+        terms |= generator_terms(on_fake, on_real, weights.form)
+        if not weights.feature_matching:
+            del terms["feature_matching"]
+    if vgg is not None and weights.perceptual:
+        precision = experiment.optim.precision
+        compute = None if precision == "float32" else jnp.dtype(precision)
+        terms["perceptual"] = perceptual(vgg, image, target, imagenet=weights.form == "imaginaire", compute=compute)
+    if experiment.generator.form == "unet":
+        intensity, weight = (target[..., 0] + 1) / 2, batch["weight"]
+        returned = weight * batch["returned"].astype(weight.dtype)
+        terms["reconstruction"] = quantile_loss(image, intensity, returned, mean=graphs.mean)
+        terms["drops"] = drop_loss(image, batch["dropped"], weight, mean=graphs.mean)
+    elif weights.reconstruction:
+        terms["reconstruction"] = reconstruction(image, target, batch["weight"], mean=graphs.mean)
+    total = sum(getattr(weights, name) * term for name, term in terms.items())
+    return total, (terms, image, network.vectors, discriminator)
+
+
+def _train_discriminator(
+    discriminator: Network, optim: PyTree, batch: PairBatch, *, fake: Array, graphs: Graphs
+) -> tuple[Network, PyTree, dict[str, Array]]:
+    weights = graphs.experiment.loss
+
+    # The image is a constant here: the gradient is taken in the discriminator's own parameters alone.
+    def loss_of(parameters: PyTree) -> tuple[Array, PyTree]:
+        on_fake, network = graphs.discriminate(Network(parameters, discriminator.vectors), batch["inputs"], fake)
+        on_real, network = graphs.discriminate(network, batch["inputs"], batch["target"])
+        return weights.gan * discriminator_loss(on_fake, on_real, weights.form), network.vectors
+
+    (loss, vectors), gradient = jax.value_and_grad(loss_of, has_aux=True)(discriminator.parameters)
+    # Vectors follow from the kernels alone, and need no mean: they are the same on every device.
+    loss, gradient = graphs.mean((loss, gradient))
+    updates, optim = optimiser(graphs.experiment.optim).update(gradient, optim)
+    discriminator = Network(optax.apply_updates(discriminator.parameters, updates), vectors)
+    return discriminator, optim, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
 
 
 def _average(experiment: Experiment, ema: PyTree, generator: Network, *, step: Array) -> PyTree:

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from threading import Lock
 from typing import Any
 
 import jax
 import numpy as np
 from jax.sharding import Mesh
-from jaxtyping import PyTree, UInt8
+from jaxtyping import PyTree
 
 from jaxsim import devices
-from jaxsim.config import DepthExperiment
+from jaxsim.config import DepthExperiment, Part, PenetConfig, Stage
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.data.seen import SplitSide, warn_of_seen
@@ -39,7 +40,7 @@ from jaxsim.progress import Progress
 from jaxsim.report.pictures import depth_picture
 from jaxsim.runs.frames import RunFrames, check_frames
 from jaxsim.runs.kinds import DepthRun
-from jaxsim.train.training import Batch, RunScores, Training, ahead, run_folder
+from jaxsim.train.training import Batch, Picture, RunScores, Training, ahead, run_folder
 
 _log = logging.getLogger(__name__)
 
@@ -101,65 +102,21 @@ def depth_training(experiment: DepthExperiment) -> Training:
     check_sizes(experiment)
     if settings.distributed:
         raise ValueError("penet: depth completion is trained by one process, on all its devices: no --run.distributed")
-    meshes = [devices.data_mesh(stage.batch) for stage in config.stages]
+    meshes = tuple(devices.data_mesh(stage.batch) for stage in config.stages)
 
     # Data: the crop of each frame, its sparse depth and its truth.
     train, validation = frames_of(experiment)
     folder = run_folder(settings)
     frames = RunFrames(*(tuple(map(part.name_of, range(len(part)))) for part in (train, validation)))
     check_frames(folder, frames, by="--data.train" if experiment.depth_root is None else "--depth-root")
-    loader = Batches(train, config, settings.seed)
-    steps = len(loader)
-
-    def number_of(k: int) -> int:
-        """The stage of batch k; past the end, the last."""
-        return loader.place(min(k, steps - 1))[0]
-
-    def mesh_of(k: int) -> Mesh | None:
-        return meshes[number_of(k)]
-
-    def batches(a: int, b: int) -> Iterator[Batch]:
-        for k, crops in enumerate(ahead(loader, a, b, threads=THREADS), a):
-            yield vars(devices.cut(mesh_of(k), crops))
 
     # Model: the stage's part of it learns, at the epoch's rate.
-    def step(state: PyTree, batch: Batch, k: int) -> tuple[PyTree, dict[str, Any]]:
-        number, epoch, index = loader.place(k)
-        stage = config.stages[number]
-        if k and epoch == index == 0:  # each stage has an optimiser of its own, and devices that divide its batch
-            state = devices.everywhere(meshes[number], devices.nearby(begin_stage(state, config)))
-        return train_step(
-            state,
-            DepthFrame(**batch),
-            np.float32(rate(config, stage, epoch)),
-            weight=np.float32(branch_weight(epoch)),
-            config=config,
-            part=stage.part,
-            norms=stage.norms,
-        )
+    stages = PenetStages(config, Batches(train, config, settings.seed), meshes)
+    steps = len(stages.loader)
 
-    def validate(
-        values: PyTree, step: int, *, count: int = FRAMES_BETWEEN
-    ) -> tuple[RunScores, UInt8[np.ndarray, "h w 3"]]:
-        """KITTI's scores of the first validation frames, and a picture of the very first."""
-        part, count = config.stages[number_of(step - 1)].part, min(count, len(validation))
-        errors, picture = [], np.zeros((1, 1, 3), np.uint8)
-        for i in Progress(range(count), desc="validation", unit="image", leave=False, disable=count <= FRAMES_BETWEEN):
-            frame = validation[i]
-            batch = jax.tree.map(lambda x: np.asarray(x)[None], frame)
-            guess = np.asarray(predict(values, batch, config=config, part=part))[0]
-            guessed = np.isfinite(guess) & (guess > NEAREST_M)
-            guess = np.where(guessed, guess, np.float32(0))
-            if i == 0:
-                picture = depth_picture(frame, [(f"step {step}", guess, guessed)])
-            if frame.known.any() and not (frame.known & ~interpolate_background(guess, guessed)[1]).any():
-                errors.append(benchmark_errors(guess, guessed, frame.truth_m, known=frame.known))
-        if len(errors) < count:
-            _log.info(
-                f"step {step}: {count - len(errors)} of {count} validation images not scored: no truth, or rows of it "
-                f"where no depth exceeds {NEAREST_M} m"
-            )
-        return depth_scores(errors) if errors else {}, picture
+    def validate(values: PyTree, step: int, *, count: int = FRAMES_BETWEEN) -> tuple[RunScores, Picture]:
+        part = stages.stage_of(step - 1).part
+        return score_frames(values, validation, config, part=part, step=step, count=count)
 
     def finish(values: PyTree) -> RunScores:
         """Writes the weights for preparation; scores all validation frames."""
@@ -178,9 +135,9 @@ def depth_training(experiment: DepthExperiment) -> Training:
         save_every=settings.save_every,
         judge_every=settings.picture_every,
         state=create_state(config, settings.seed),
-        mesh=mesh_of,
-        batches=batches,
-        step=step,
+        mesh=stages.mesh_of,
+        batches=stages.batches,
+        step=stages.step,
         network="network",
         used=lambda state: state.values,
         validate=validate,
@@ -188,6 +145,73 @@ def depth_training(experiment: DepthExperiment) -> Training:
         scored=scored,
         use=f"`{use}`",
         hint=f"Use: {use}",
-        milestones=frozenset(map(int, loader.ends)),
+        milestones=frozenset(map(int, stages.loader.ends)),
         finish=finish,
     )
+
+
+@dataclass(frozen=True)
+class PenetStages:
+    """What learns from each batch, at which rate and on which devices."""
+
+    config: PenetConfig
+    loader: Batches
+    meshes: tuple[Mesh | None, ...]
+    """Of each stage; None where one device takes its batches whole."""
+
+    def stage_of(self, k: int) -> Stage:
+        """The stage of batch k; past the end, the last."""
+        return self.config.stages[self._number_of(k)]
+
+    def mesh_of(self, k: int) -> Mesh | None:
+        """The devices that share batch k."""
+        return self.meshes[self._number_of(k)]
+
+    def batches(self, a: int, b: int) -> Iterator[Batch]:
+        """Batches a to b - 1, on the devices."""
+        for k, crops in enumerate(ahead(self.loader, a, b, threads=THREADS), a):
+            yield vars(devices.cut(self.mesh_of(k), crops))
+
+    def step(self, state: PyTree, batch: Batch, k: int) -> tuple[PyTree, dict[str, Any]]:
+        """The update by batch k."""
+        number, epoch, index = self.loader.place(k)
+        stage = self.config.stages[number]
+        if k and epoch == index == 0:  # each stage has an optimiser of its own, and devices that divide its batch
+            state = devices.everywhere(self.meshes[number], devices.nearby(begin_stage(state, self.config)))
+        return train_step(
+            state,
+            DepthFrame(**batch),
+            np.float32(rate(self.config, stage, epoch)),
+            weight=np.float32(branch_weight(epoch)),
+            config=self.config,
+            part=stage.part,
+            norms=stage.norms,
+        )
+
+    def _number_of(self, k: int) -> int:
+        return self.loader.place(min(k, len(self.loader) - 1))[0]
+
+
+def score_frames(
+    values: PyTree, frames: Sequence[DepthFrame], config: PenetConfig, *, part: Part, step: int, count: int
+) -> tuple[RunScores, Picture]:
+    """KITTI's scores of the first `count` frames, after this step of a stage that trains `part`; and a picture of the
+    very first."""
+    count = min(count, len(frames))
+    errors, picture = [], np.zeros((1, 1, 3), np.uint8)
+    for i in Progress(range(count), desc="validation", unit="image", leave=False, disable=count <= FRAMES_BETWEEN):
+        frame = frames[i]
+        batch = jax.tree.map(lambda x: np.asarray(x)[None], frame)
+        guess = np.asarray(predict(values, batch, config=config, part=part))[0]
+        guessed = np.isfinite(guess) & (guess > NEAREST_M)
+        guess = np.where(guessed, guess, np.float32(0))
+        if i == 0:
+            picture = depth_picture(frame, [(f"step {step}", guess, guessed)])
+        if frame.known.any() and not (frame.known & ~interpolate_background(guess, guessed)[1]).any():
+            errors.append(benchmark_errors(guess, guessed, frame.truth_m, known=frame.known))
+    if len(errors) < count:
+        _log.info(
+            f"step {step}: {count - len(errors)} of {count} validation images not scored: no truth, or rows of it "
+            f"where no depth exceeds {NEAREST_M} m"
+        )
+    return depth_scores(errors) if errors else {}, picture

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import jax
-import numpy as np
-from jaxtyping import PyTree, UInt8
+from jaxtyping import PyTree
 
 from jaxsim import detect, devices
 from jaxsim.config import DetectorExperiment
@@ -16,7 +15,7 @@ from jaxsim.report.clouds import detection_picture
 from jaxsim.report.results import list_scores
 from jaxsim.runs.frames import RunFrames, check_frames
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.train.training import RunScores, Training, ahead, run_folder
+from jaxsim.train.training import Picture, RunScores, Training, ahead, run_folder
 
 
 def detector_training(experiment: DetectorExperiment) -> Training:
@@ -50,7 +49,7 @@ def detector_training(experiment: DetectorExperiment) -> Training:
     train_step = detect.make_train_step(experiment, steps, mesh=mesh)
     find = make_find(experiment)
 
-    def validate(network: PyTree, step: int) -> tuple[RunScores, UInt8[np.ndarray, "h w 3"]]:
+    def validate(network: PyTree, step: int) -> tuple[RunScores, Picture]:
         """KITTI's average precision."""
         curves, scored = score_detector(find, network, validation, experiment=experiment)
         picture = detection_picture(validation[0], scored[0], experiment.voxels.range_m, title=f"step {step}")

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import PyTree, UInt8
+from jaxtyping import PyTree
 
 from jaxsim import devices
-from jaxsim.config import Experiment, OptimConfig
-from jaxsim.data import open_dataset, select
+from jaxsim.config import Experiment, GeneratorConfig, OptimConfig
+from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.batches import Changing, batches
+from jaxsim.data.records import PreparedPairs
 from jaxsim.data.seen import warn_of_seen_pairs
 from jaxsim.data.turned import Turned
-from jaxsim.evaluate.intensity import score_pairs
+from jaxsim.evaluate.intensity import Predict, score_pairs
 from jaxsim.frame import Pair
 from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step, start_from
@@ -30,7 +32,7 @@ from jaxsim.runs.run import Checkpoints, describe_run
 from jaxsim.simulate.grain import save_grain
 from jaxsim.simulate.grain_fit import learn_grain
 from jaxsim.simulate.predict import STEP, Prediction, make_batch, make_predict
-from jaxsim.train.training import RunScores, Training, ahead, run_folder
+from jaxsim.train.training import Picture, RunScores, Training, ahead, run_folder
 
 _log = logging.getLogger(__name__)
 
@@ -49,16 +51,7 @@ def intensity_training(experiment: Experiment) -> Training:
     settings = experiment.run
     optim = experiment.optim
     mesh = devices.data_mesh(optim.batch, members=experiment.generator.members)
-    for name, part, whole in zip(("rows", "columns"), (optim.rows, optim.columns), prepare.network_size, strict=True):
-        if part > whole:
-            raise ValueError(
-                f"train: --optim.{name} {part} cannot be cut out of {whole} {name} (--prepare.network-size); give at "
-                "most as many, or 0 for all"
-            )
-    if optim.sides and data.kind in NO_SIDES:
-        raise ValueError(
-            f"train: {NO_SIDES[data.kind]}, so that there are no other sides to learn from; pass --optim.sides 0"
-        )
+    _check_settings(experiment)
 
     # Perceptual loss: its weights are asked for before time goes into preparation.
     weights = experiment.loss
@@ -74,37 +67,14 @@ def intensity_training(experiment: Experiment) -> Training:
     train = prepared(dataset, chosen, data, prepare=prepare)
     validation = prepared(dataset, judging, data, prepare=prepare)
     warn_of_seen_pairs(train, validation)
-    # Scaled on the host where frames are magnified or cut, or where drives of other calibrations see other windows.
-    size = prepare.network_size
-    cut = (optim.rows or size[0], optim.columns or size[1])
-    alike = train.windows == {size} if cut != size else len(train.windows) == 1
-    raster = size if optim.scale_limit or not alike else None
     if optim.epochs:
         optim = replace(optim, steps=optim.epochs * len(train) // optim.batch)
         experiment = replace(experiment, optim=optim)
-    load = partial(
-        batches,
-        size=optim.batch,
-        seed=settings.seed,
-        flip=optim.flip,
-        jitter=optim.jitter,
-        scale_limit=optim.scale_limit,
-        raster=raster,
-        cut=cut if cut != size else None,
-        part=jax.process_index(),
-        parts=jax.process_count(),
-    )
-    sides = train[:0]
-    if optim.sides:
-        turned = Turned(dataset)
-        # No input is asked for that a side does not have: neither image nor labels.
-        sides = prepared(turned, turned.sides(chosen), data, prepare=replace(prepare, inputs=()))
-    learned = train + sides
-    pairs = list(learned) if len(learned) <= HELD else learned
+    sides = _other_sides(dataset, chosen, experiment) if optim.sides else train[:0]
     until = round(optim.sides * optim.steps)
-    loader = load(pairs) if until == optim.steps else Changing(load(pairs), load(pairs[: len(train)]), at=until)
+    loader = _loader(train, sides, experiment, until=until)
     to_batch = make_batch(
-        replace(prepare, network_size=cut),
+        replace(prepare, network_size=_cut_size(experiment)),
         drop_weight=weights.drop_weight,
         unseen_weight=weights.unseen_weight,
         occluded_weight=weights.occluded_weight,
@@ -113,26 +83,8 @@ def intensity_training(experiment: Experiment) -> Training:
     # Model: both networks, their optimisers and the averaged generator, one pytree.
     channels = input_channels(prepare)
     train_step = make_train_step(experiment, channels, vgg=vgg, mesh=mesh)
-    predict = make_predict(make_generate(experiment, channels), prepare)
-
-    def validate(params: PyTree, step: int) -> tuple[RunScores, UInt8[np.ndarray, "h w 3"]]:
-        """Scores of the averaged generator."""
-        says = predict(params, validation[0])
-        if experiment.generator.form == "unet" and experiment.generator.downsamples:
-            _warn_of_silence(says, predict(cells_alone(params), validation[0]), validation[0])
-        picture = pair_picture(validation[0], np.asarray(says.reported), title=f"step {step}")
-        return score_pairs(predict, params, validation), picture
-
+    judge = Judge(make_predict(make_generate(experiment, channels), prepare), validation, experiment.generator)
     run = describe_run(experiment, dataset.spec, train.record(0).view)
-
-    def finish(params: PyTree) -> RunScores:
-        """Last scores; and how the cells of draws scatter together, where there is a distribution to draw from."""
-        try:
-            save_grain(folder, learn_grain(predict, params, validation, scenes=validation.scenes))
-        except ValueError as error:  # of too few frames; draws say so when they are asked for
-            _log.info(f"no grain was learned: {error}")
-        return score_pairs(predict, params, validation)
-
     return Training(
         run=run,
         frames=frames,
@@ -147,7 +99,7 @@ def intensity_training(experiment: Experiment) -> Training:
         step=lambda state, batch, k: train_step(state, batch),
         network="generator",
         used=lambda state: state.ema,
-        validate=validate,
+        validate=judge.validate,
         facts=(
             f"data: {data.kind}, frames {data.train} (validation {data.validation})",
             *([f"{len(sides)} other sides of their scans, until step {until}"] if sides else []),
@@ -157,9 +109,89 @@ def intensity_training(experiment: Experiment) -> Training:
         ),
         scored=lambda scores: score_table({"validation": scores}),
         use=f'```python\nimport jaxsim\nsensor = jaxsim.load("{folder}")\n```',
-        finish=finish if experiment.generator.form == "unet" else None,
+        finish=partial(judge.finish, folder) if experiment.generator.form == "unet" else None,
         hint=f"Scores beside baselines, and pictures: jaxsim eval {folder}",
     )
+
+
+def _check_settings(experiment: Experiment) -> None:
+    """Raises ValueError where so much cannot be cut out of a pair, and where the data have no other sides."""
+    optim = experiment.optim
+    whole_size = experiment.prepare.network_size
+    for name, part, whole in zip(("rows", "columns"), (optim.rows, optim.columns), whole_size, strict=True):
+        if part > whole:
+            raise ValueError(
+                f"train: --optim.{name} {part} cannot be cut out of {whole} {name} (--prepare.network-size); give at "
+                "most as many, or 0 for all"
+            )
+    kind = experiment.data.kind
+    if optim.sides and kind in NO_SIDES:
+        raise ValueError(
+            f"train: {NO_SIDES[kind]}, so that there are no other sides to learn from; pass --optim.sides 0"
+        )
+
+
+def _cut_size(experiment: Experiment) -> tuple[int, int]:
+    """Rows and columns that a batch has of each pair."""
+    rows, columns = experiment.prepare.network_size
+    return experiment.optim.rows or rows, experiment.optim.columns or columns
+
+
+def _other_sides(dataset: Dataset, chosen: list[int], experiment: Experiment) -> PreparedPairs:
+    """Pairs of the sides of the chosen frames' scans that no camera sees."""
+    turned = Turned(dataset)
+    # No input is asked for that a side does not have: neither image nor labels.
+    prepare = replace(experiment.prepare, inputs=())
+    return prepared(turned, turned.sides(chosen), experiment.data, prepare=prepare)
+
+
+def _loader(train: PreparedPairs, sides: PreparedPairs, experiment: Experiment, *, until: int) -> Any:
+    """Batches by number: of the training pairs and, before number `until`, of other sides too."""
+    optim = experiment.optim
+    size, cut = experiment.prepare.network_size, _cut_size(experiment)
+    # Scaled on the host where frames are magnified or cut, or where drives of other calibrations see other windows.
+    alike = train.windows == {size} if cut != size else len(train.windows) == 1
+    load = partial(
+        batches,
+        size=optim.batch,
+        seed=experiment.run.seed,
+        flip=optim.flip,
+        jitter=optim.jitter,
+        scale_limit=optim.scale_limit,
+        raster=size if optim.scale_limit or not alike else None,
+        cut=cut if cut != size else None,
+        part=jax.process_index(),
+        parts=jax.process_count(),
+    )
+    learned = train + sides
+    pairs = list(learned) if len(learned) <= HELD else learned
+    return load(pairs) if until == optim.steps else Changing(load(pairs), load(pairs[: len(train)]), at=until)
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Scores the averaged generator by pairs that it does not learn from."""
+
+    predict: Predict
+    pairs: PreparedPairs
+    generator: GeneratorConfig
+
+    def validate(self, params: PyTree, step: int) -> tuple[RunScores, Picture]:
+        """Scores, and a picture of the first pair."""
+        first = self.pairs[0]
+        says = self.predict(params, first)
+        if self.generator.form == "unet" and self.generator.downsamples:
+            _warn_of_silence(says, self.predict(cells_alone(params), first), first)
+        picture = pair_picture(first, np.asarray(says.reported), title=f"step {step}")
+        return score_pairs(self.predict, params, self.pairs), picture
+
+    def finish(self, folder: Path, params: PyTree) -> RunScores:
+        """Last scores; and how the cells of draws scatter together, where there is a distribution to draw from."""
+        try:
+            save_grain(folder, learn_grain(self.predict, params, self.pairs, scenes=self.pairs.scenes))
+        except ValueError as error:  # of too few frames; draws say so when they are asked for
+            _log.info(f"no grain was learned: {error}")
+        return score_pairs(self.predict, params, self.pairs)
 
 
 def start_files(folder: Path, optim: OptimConfig) -> tuple[Path, ...]:

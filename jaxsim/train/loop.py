@@ -8,8 +8,12 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+from jaxtyping import PyTree
 
 from jaxsim import devices
 from jaxsim.detect import LeftOut
@@ -58,82 +62,111 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
         _log.info(f"resuming {folder} at step {checkpoints.latest}")
     start = step = int(state.step)
     state = devices.everywhere(training.mesh(start), state)
-    log = MetricsLog(folder, start, writes=writes)
-
-    def due(every: int) -> bool:
-        # 0 is never but at the end.
-        return (every > 0 and step % every == 0) or step == training.steps or step in training.milestones
-
-    def save() -> None:
-        if checkpoints and step not in checkpoints.steps:
-            checkpoints.save(step, **{"state": state, training.network: training.used(state)})
-
-    def tell(scores: RunScores) -> None:
-        _log.info(f"step {step}: validation " + ", ".join(f"{name} {s.value:.4g}" for name, s in scores.items()))
-
-    def validate() -> RunScores:
-        """Validation scores and a picture; meanwhile other processes wait in their step."""
-        if not writes:
-            return {}
-        scores, picture = training.validate(devices.nearby(training.used(state)), step)
-        # The scores last: a resumed run takes a step that has them for judged, and draws no picture of it.
-        save_picture(folder / "figures" / f"step_{step:06d}.png", picture)
-        log.write(step, {f"validation/{name}": score.value for name, score in scores.items()})
-        tell(scores)
-        return scores
+    run = OpenRun(training, folder, checkpoints, MetricsLog(folder, start, writes=writes))
 
     # Loop: a resumed run sees the batches that an uninterrupted one would.
     begun = time.monotonic()
     scores = {}
-    left_out = LeftOut()
-    told = False
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
     bar = Progress(total=training.steps, initial=start, disable=not writes, **shown)
-    if start and due(training.judge_every) and writes and not log.validated(start):
-        scores = validate()  # killed after it saved this step, before it judged it
+    told = StepLog(run.log, bar, every=settings.log_every)
+    if start and training.due(start, training.judge_every) and writes and not run.log.validated(start):
+        scores = run.judge(state, start)  # killed after it saved this step, before it judged it
     try:
         for k, batch in enumerate(training.batches(start, training.steps), start):
             # A step gives the memory of the old state to the new one: between them there is none to save.
             with uninterrupted():
                 updated, metrics = training.step(state, batch, k)
                 if not bool(metrics["finite"]):
-                    log.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
+                    run.log.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
                 state, step = updated, k + 1
-                last = k + 1 == training.steps
-                left_out.see(metrics)
-                if step % settings.log_every == 0 or last:
-                    values = {name: float(value) for name, value in metrics.items() if name != "finite"}
-                    log.write(step, values | left_out.take())
-                    losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
-                    bar.set_postfix(losses, refresh=False)
-                    if (words := left_out.words()) and (last or not told):
-                        _log.info(f"step {step}: {words}")
-                        told = True
-                bar.update()
+                told.add(step, metrics, last=step == training.steps)
                 # Saved before it is judged: judging may take long, and may fail.
-                if due(training.save_every):
-                    save()
-            if due(training.judge_every):
-                scores = validate()
+                if training.due(step, training.save_every):
+                    run.save(state, step)
+            if training.due(step, training.judge_every):
+                scores = run.judge(state, step)
     except KeyboardInterrupt as stop:
         bar.close()
         with uninterrupted():  # half a checkpoint would stand in the way of the next one of its step
-            save()
-        lost = f"; {words}" if (words := left_out.words()) else ""
+            run.save(state, step)
+        lost = f"; {words}" if (words := told.left_out.words()) else ""
         raise type(stop)(f"stopped after step {step}, saved in {folder}; the same command resumes{lost}") from None
     bar.close()
 
     # Card: what the run is and what it scored.
     if writes:
-        used = devices.nearby(training.used(state))
-        if training.finish:
-            scores = training.finish(used)
-            tell(scores)
-        elif not scores:  # all steps were done before
-            scores = training.validate(used, step)[0]
+        scores = run.last_scores(state, step, scores)
         write_card(folder, training, description, scores=scores, seconds=time.monotonic() - begun)
         _log.info(f"{folder}: {step} steps done. {training.hint}")
     devices.wait("the end")
+
+
+@dataclass(frozen=True)
+class OpenRun:
+    """A training, and where it keeps what it comes to."""
+
+    training: Training
+    folder: Path
+    checkpoints: Checkpoints | None
+    """None in processes that do not write: of several the first alone does."""
+    log: MetricsLog
+
+    def save(self, state: PyTree, step: int) -> None:
+        """Keeps the state of a step, and the network in it, unless they are kept."""
+        if self.checkpoints and step not in self.checkpoints.steps:
+            self.checkpoints.save(step, **{"state": state, self.training.network: self.training.used(state)})
+
+    def judge(self, state: PyTree, step: int) -> RunScores:
+        """Validation scores and a picture; meanwhile other processes wait in their step."""
+        if not self.log.writes:
+            return {}
+        scores, picture = self.training.validate(devices.nearby(self.training.used(state)), step)
+        # The scores last: a resumed run takes a step that has them for judged, and draws no picture of it.
+        save_picture(self.folder / "figures" / f"step_{step:06d}.png", picture)
+        self.log.write(step, {f"validation/{name}": score.value for name, score in scores.items()})
+        _tell(scores, step)
+        return scores
+
+    def last_scores(self, state: PyTree, step: int, scores: RunScores) -> RunScores:
+        """The card's scores; `scores` are those that the last step got, if this process made it."""
+        used = devices.nearby(self.training.used(state))
+        if self.training.finish:
+            scores = self.training.finish(used)
+            _tell(scores, step)
+        elif not scores:  # all steps were done before
+            scores = self.training.validate(used, step)[0]
+        return scores
+
+
+@dataclass
+class StepLog:
+    """What the steps of this process come to: lines of the log, the bar, and what found no room in them."""
+
+    log: MetricsLog
+    bar: Progress
+    every: int
+    """Steps a line of the log."""
+    left_out: LeftOut = field(default_factory=LeftOut)
+    warned: bool = False
+    """Whether it was said that something is left out."""
+
+    def add(self, step: int, metrics: Mapping[str, Any], *, last: bool) -> None:
+        """One step's metrics; the last gets a line, too."""
+        self.left_out.see(metrics)
+        if step % self.every == 0 or last:
+            values = {name: float(value) for name, value in metrics.items() if name != "finite"}
+            self.log.write(step, values | self.left_out.take())
+            losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
+            self.bar.set_postfix(losses, refresh=False)
+            if (words := self.left_out.words()) and (last or not self.warned):
+                _log.info(f"step {step}: {words}")
+                self.warned = True
+        self.bar.update()
+
+
+def _tell(scores: RunScores, step: int) -> None:
+    _log.info(f"step {step}: validation " + ", ".join(f"{name} {s.value:.4g}" for name, s in scores.items()))
 
 
 def _begin(folder: Path, training: Training) -> None:

@@ -24,6 +24,7 @@ from jaxsim.runs.kinds import AnyRun, kind_of
 Batch = dict[str, Any]
 """Arrays by name, each with the batch's items first."""
 RunScores = dict[str, Score]
+Picture = UInt8[np.ndarray, "h w 3"]
 AHEAD = 4
 """Batches that wait in memory for the devices."""
 
@@ -50,7 +51,7 @@ class Training:
     """Name, in checkpoints, of the part of the state that is used."""
     used: Callable[[PyTree], PyTree]
     """That part of a state."""
-    validate: Callable[[PyTree, int], tuple[RunScores, UInt8[np.ndarray, "h w 3"]]]
+    validate: Callable[[PyTree, int], tuple[RunScores, Picture]]
     """(the used part, its step) -> validation scores, and a picture."""
     facts: tuple[str, ...]
     """Lines of the card that say what was trained, and on what."""
@@ -65,6 +66,10 @@ class Training:
     finish: Callable[[PyTree], RunScores] | None = None
     """What is left to do with the part that is used when all steps are done; gives the card's scores. None: the last
     step's are the card's."""
+
+    def due(self, step: int, every: int) -> bool:
+        """Whether what is done `every` so many steps is due after this one; 0 is never but at the end."""
+        return (every > 0 and step % every == 0) or step == self.steps or step in self.milestones
 
 
 def run_folder(settings: RunConfig) -> Path:

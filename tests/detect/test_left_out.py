@@ -13,6 +13,7 @@ from jaxsim.detect.steps import REMEDIES
 from jaxsim.metrics import Score
 from jaxsim.runs.frames import RunFrames
 from jaxsim.runs.kinds import DetectorRun
+from jaxsim.runs.run import Checkpoints
 from jaxsim.train import loop
 from jaxsim.train.training import Training
 from tests.detect.tiny import EXPERIMENT
@@ -92,7 +93,7 @@ def test_a_step_that_is_not_logged_is_counted_and_told(tmp_path, monkeypatch, ca
     assert (told in said.out + said.err) == bool(steps)
 
 
-class Kept:
+class Kept(Checkpoints):
     """Checkpoints that keep nothing."""
 
     latest = None

@@ -4,11 +4,9 @@ view.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
 
 import jax
 import numpy as np
@@ -34,6 +32,7 @@ from jaxsim.data.synthetic.render import (
 from jaxsim.data.synthetic.solids import Thing, along_street, in_world, poses_at
 from jaxsim.data.synthetic.tiles import in_raster, pinhole_mask, polar_mask, slanted_mask, solids_by_tile
 from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
+from jaxsim.devices import side_by_side
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
 from jaxsim.geometry import LidarSpec, camera_from_projection, directions, full_grid, preset
 
@@ -117,7 +116,7 @@ class SyntheticWorld:
     def __getitem__(self, index: int) -> Frame:
         """Renders frame `index`. Raises IndexError outside 0 .. len - 1."""
         moment = self._moment(index)
-        view, image = _at_once(
+        view, image = side_by_side(
             lambda: self._view(moment),
             lambda: self.measure(index, self._truth(moment)),
         )
@@ -149,7 +148,7 @@ class SyntheticWorld:
 
     def measure(self, index: int, truth: Truth, *, repeat: int = 0) -> PolarImage:
         """The sensor's noisy report; `repeat` 0 is the frame's own, others are further measurements of the moment."""
-        return _host(measure(truth, self._key(index, 1 + repeat), sensor=self.sensor, spec=self.spec))
+        return jax.device_get(measure(truth, self._key(index, 1 + repeat), sensor=self.sensor, spec=self.spec))
 
     def _key(self, index: int, use: int) -> Array:
         return jax.random.fold_in(jax.random.fold_in(jax.random.key(self.seed), index), use)
@@ -180,7 +179,7 @@ class SyntheticWorld:
         pose = moment.velo_pose.astype(np.float32)
         met = scan(moment.scene, self.grid, velo_pose=pose, candidates=listed)
         gain = beam_gain(self.sensor, self.spec.rows)
-        return _host(report(met, gain, sensor=self.sensor, spec=self.spec))
+        return jax.device_get(report(met, gain, sensor=self.sensor, spec=self.spec))
 
     def _view(self, moment: _Moment) -> CameraView:
         counts, corners = moment.drive.parts.counts, moment.corners
@@ -204,7 +203,7 @@ class SyntheticWorld:
         halves = _halves(solids_by_tile(mask, counts))
 
         def see(listed: TileSolids) -> CameraView:
-            return _host(
+            return jax.device_get(
                 look(
                     moment.scene,
                     shadows,
@@ -215,7 +214,8 @@ class SyntheticWorld:
                 )
             )
 
-        seen = _at_once(*(partial(see, half) for half in halves))
+        # A chain of small programs keeps no more than one core busy.
+        seen = side_by_side(partial(see, halves[0]), partial(see, halves[1]))
         tiles = np.concatenate([half.tile for half in halves])
         return jax.tree.map(lambda *rows: in_raster(rows, tiles, tile=CAMERA_TILE, size=self.image_size), *seen)
 
@@ -261,16 +261,6 @@ def cloud_of(image: PolarImage, spec: LidarSpec, columns: int) -> Cloud:
     xyz[:, 2] += np.asarray(grid.origin_m)[row]
     intensity = np.asarray(image.intensity)[:, order][valid]
     return Cloud(xyz, intensity, np.ones(len(row), bool), row.astype(np.int32))
-
-
-def _host(tree):
-    return jax.tree.map(np.asarray, tree)
-
-
-def _at_once(*jobs: Callable[[], Any]) -> list[Any]:
-    """What the jobs give, each done by a thread: a chain of small programs keeps no more than one core busy."""
-    with ThreadPoolExecutor(len(jobs)) as threads:
-        return [done.result() for done in [threads.submit(job) for job in jobs]]
 
 
 def _halves(listed: TileSolids) -> list[TileSolids]:

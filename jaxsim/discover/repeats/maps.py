@@ -22,7 +22,7 @@ from jaxsim.discover.model.noise_levels import FINEST, lattice_step
 from jaxsim.discover.model.null import residual_spread
 from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.rules import RULES
-from jaxsim.effects.rays import FLOOR
+from jaxsim.effects.rays import FLOOR, Array
 
 MapSums = Float[np.ndarray, "n r c"]
 PatternMap = Float[np.ndarray, "r c"]
@@ -75,69 +75,82 @@ def maps_of(
     """The maps of each channel: ln I in nats, range in m, and share of rays lost minus expected; shared levels follow
     from the `in_fit` blocks. `scene` is that of each block, `columns` the grid's."""
     ev, eq = problem.ev, problem.equations
-    row, column = np.asarray(ev.rays.row), np.asarray(ev.rays.column)
-    of_scene = np.broadcast_to(scene[:, None, None], row.shape)
-    shape = (int(scene.max()) + 1, row.shape[-1], columns)
-    # Cells of all scenes in one long vector: sums by cell are one pass over the rays.
-    cell = np.ravel_multi_index((of_scene, row, column), shape).ravel()
-    blocks = np.asarray(in_fit, np.float32)
-
-    def summed(values: np.ndarray) -> MapSums:
-        flat = np.where(np.isfinite(values), values, 0).ravel()
-        return np.bincount(cell, flat, minlength=int(np.prod(shape))).reshape(shape)
-
+    rays = RaysInCells.of(problem, in_fit, scene, columns=columns)
     sd_i, sd_r, p = residual_spread(ev, problem.noise)
-    p = np.asarray(p, np.float64)
-    hit = np.asarray(ev.rays.hit)
-    weight_i = np.asarray(eq.intensity, np.float64)
-    weight_r = np.asarray(eq.range_, np.float64)
-    # A lost ray is a coin: residual lost - p, variance p (1 - p).
-    weight_d = np.where(hit, 1 / (p * (1 - p) + RULES.repeats_least_variance), 0)
-    off_i, off_r = conditional_residuals(ev, eq, blocks)
-
-    def left_of(channel: int, weight: np.ndarray, variance: np.ndarray) -> Callable[[PatternMap], MapSums]:
-        steeper = 1 - robust_slope(weight, variance)
-
-        # Residuals if measured and simulated differed by the pattern alone: what levels and poses leave of it.
-        def only(made: np.ndarray) -> np.ndarray:
-            shift = made.astype(np.float32)
-            alone = replace(ev, log_intensity=ev.rays.log_intensity + shift, range_m=ev.rays.reading_m + shift)
-            return np.asarray(conditional_residuals(alone, eq, blocks)[channel], np.float64)
-
-        def response(pattern: PatternMap) -> MapSums:
-            made = MADE_HEIGHT * pattern[row, column]
-            # What stays of it in the residuals makes weights smaller, on the side to which it points.
-            return summed(weight * only(made - steeper * only(made)) / MADE_HEIGHT)
-
-        return response
-
-    def coarse(weight: np.ndarray, *, half_step: float, value: np.ndarray) -> PatternMap | None:
-        if half_step == 0:
-            return None
-        squares = summed(weight * (half_step / value) ** 2).sum(0)
-        return np.sqrt(squares / np.maximum(summed(weight).sum(0), 1e-12))
-
+    off_i, off_r = conditional_residuals(ev, eq, rays.in_fit)
     half = half_steps(ev)
     # Ln I of a reading is off by its rounding over its size: dark cells are coarse.
     light = np.maximum(np.exp(np.asarray(ev.rays.log_intensity, np.float64)), FLOOR)
+    # A lost ray is a coin: residual lost - p, variance p (1 - p).
+    p = np.asarray(p, np.float64)
     lost = ~np.asarray(ev.returned) - p
+    weight = np.where(np.asarray(ev.rays.hit), 1 / (p * (1 - p) + RULES.repeats_least_variance), 0)
     return {
-        "intensity": Maps(
-            summed(weight_i),
-            summed(weight_i * np.asarray(off_i, np.float64)),
-            left_of(0, weight_i, np.asarray(sd_i, np.float64) ** 2),
-            coarse(weight_i, half_step=half["intensity"], value=light),
-        ),
-        "range": Maps(
-            summed(weight_r),
-            summed(weight_r * np.asarray(off_r, np.float64)),
-            left_of(1, weight_r, np.asarray(sd_r, np.float64) ** 2),
-            coarse(weight_r, half_step=half["range"], value=np.ones_like(light)),
-        ),
+        "intensity": rays.levelled(0, eq.intensity, off_i, sd=sd_i, half_step=half["intensity"], size=light),
+        "range": rays.levelled(1, eq.range_, off_r, sd=sd_r, half_step=half["range"], size=np.ones_like(light)),
         "drop": Maps(
-            summed(weight_d), summed(weight_d * lost), lambda pattern: summed(weight_d * pattern[row, column])
+            rays.summed(weight), rays.summed(weight * lost), lambda pattern: rays.summed(weight * rays.at(pattern))
         ),
     }
+
+
+@dataclass(frozen=True)
+class RaysInCells:
+    """The rays of a problem, each in a cell of its scene."""
+
+    problem: Problem
+    in_fit: Float[np.ndarray, " b"]
+    """1 for blocks from which shared levels follow, 0 for others."""
+    cell: Int[np.ndarray, " rays"]
+    """Each ray's cell in one long vector of all scenes' cells: sums by cell are one pass over the rays."""
+    shape: tuple[int, int, int]
+    """Scenes, rows and columns."""
+
+    @classmethod
+    def of(
+        cls, problem: Problem, in_fit: Float[np.ndarray, " b"], scene: Int[np.ndarray, " b"], *, columns: int
+    ) -> RaysInCells:
+        """The blocks' rays, of these scenes, on a grid of so many columns."""
+        row, column = np.asarray(problem.ev.rays.row), np.asarray(problem.ev.rays.column)
+        shape = (int(scene.max()) + 1, row.shape[-1], columns)
+        cell = np.ravel_multi_index((np.broadcast_to(scene[:, None, None], row.shape), row, column), shape).ravel()
+        return cls(problem, np.asarray(in_fit, np.float32), cell, shape)
+
+    def at(self, pattern: PatternMap) -> Float[np.ndarray, "b n r"]:
+        """The height of a pattern at each ray."""
+        return pattern[np.asarray(self.problem.ev.rays.row), np.asarray(self.problem.ev.rays.column)]
+
+    def summed(self, values: np.ndarray) -> MapSums:
+        """Sums by cell of the rays' values, those left out that are none."""
+        flat = np.where(np.isfinite(values), values, 0).ravel()
+        return np.bincount(self.cell, flat, minlength=int(np.prod(self.shape))).reshape(self.shape)
+
+    def levelled(
+        self, channel: int, weight: Array, off: Array, *, sd: Array, half_step: float, size: np.ndarray
+    ) -> Maps:
+        """The maps of residuals `off` of which levels and poses took their part, those of ln I (channel 0) or of range
+        (1); rounding may move each by `half_step` over the `size` of its reading."""
+        weights, variance = np.asarray(weight, np.float64), np.asarray(sd, np.float64) ** 2
+        steeper = 1 - robust_slope(weights, variance)
+
+        def response(pattern: PatternMap) -> MapSums:
+            made = MADE_HEIGHT * self.at(pattern)
+            # What stays of it in the residuals makes weights smaller, on the side to which it points.
+            only = self.left_of(made - steeper * self.left_of(made, channel), channel)
+            return self.summed(weights * only / MADE_HEIGHT)
+
+        coarse = None
+        if half_step:
+            squares = self.summed(weights * (half_step / size) ** 2).sum(0)
+            coarse = np.sqrt(squares / np.maximum(self.summed(weights).sum(0), 1e-12))
+        total = self.summed(weights * np.asarray(off, np.float64))
+        return Maps(self.summed(weights), total, response, coarse)
+
+    def left_of(self, made: np.ndarray, channel: int) -> np.ndarray:
+        """Residuals if measured and simulated differed by this alone: what levels and poses leave of it."""
+        ev, shift = self.problem.ev, made.astype(np.float32)
+        alone = replace(ev, log_intensity=ev.rays.log_intensity + shift, range_m=ev.rays.reading_m + shift)
+        return np.asarray(conditional_residuals(alone, self.problem.equations, self.in_fit)[channel], np.float64)
 
 
 def half_steps(ev: Evidence) -> dict[str, float]:

@@ -145,34 +145,13 @@ def compare(
     spread = np.quantile((y - predicted)[simulated], READING_QUANTILES)
     # The law is the readings' mean: what stands for them must lie about it.
     spread = spread - spread.mean()
-    # The intensity, and the power that goes with it, is what the law says.
-    power = predicted - 2 * np.log(np.maximum(comparison.rays.range_m, 0.1) / REFERENCE_M)
-    said = predicted.astype(np.float32)
-    rays = replace(comparison.rays, log_intensity=said, met_log_intensity=said, log_power=power.astype(np.float32))
+    rays = _rays_by_law(comparison.rays, predicted)
 
-    # What may differ without any effect: overall gain, and reflectances of classes, known where both sides know them.
-    of_classes = mixture if comparison.shared_classes else expected[:, :-1]
-    # Noise on a normal of variance v lowers the mean of ln cos by v / 2 sec^2: its second-order term.
-    bend = 0.5 / np.cos(comparison.rays.incidence_rad)[:, None] ** 2
-    nuisance = np.concatenate([np.ones((len(y), 1)), of_classes, bend], axis=1).astype(np.float32)
-    precision = np.array([FREE_PRECISION, *[1 / CLASS_SD**2] * mixture.shape[1], 1 / LAW_CURVATURE_SD**2])
-    block = Block(np.arange(nuisance.shape[1]), precision)
-
-    # What may be an effect: columns beside one another, after those of the nuisances.
-    parts: list[tuple[str, Columns]] = []
-    # Effects of single classes cannot be told where one side does not say which class a ray meets.
-    for name in (*OF_INTENSITY, *(OF_CLASSES if comparison.shared_classes else ())):
-        change = change_of(EFFECTS[name], rays, comparison.rows, spread=spread)
-        parts += [(name, columns) for columns in columns_of(EFFECTS[name], change, rays.row, rows=comparison.rows)]
-    of_effects = len(parts)
-    for name, basis in curve_columns(comparison).items():
-        parts.append((name, Columns(None, {}, basis, np.full(basis.shape[1], 1 / CURVE_SD**2))))
-    # The block of each term within the side's columns.
-    starts = nuisance.shape[1] + np.cumsum([0, *(columns.columns.shape[1] for _, columns in parts)])
-    terms = []
-    for (name, columns), start, end in zip(parts, starts[:-1], starts[1:], strict=True):
-        terms.append(Term(name, columns, Block(np.arange(start, end), columns.precision, columns.sign)))
-    side = np.concatenate([nuisance, *(columns.columns for _, columns in parts)], axis=1)
+    # What may differ without any effect, then what may be one: columns beside one another. Classes are known where both
+    # sides know them.
+    nuisance, block = _nuisances(comparison, mixture if comparison.shared_classes else expected[:, :-1])
+    terms = _terms(comparison, rays, spread, first=nuisance.shape[1])
+    side = np.concatenate([nuisance, *(term.columns.columns for term in terms)], axis=1)
     eq = equations_of(side)
     inflation = _inflation(eq, find.astype(float), draws, nuisance=block, blocks=[term.block for term in terms])
     return Conditional(
@@ -183,14 +162,51 @@ def compare(
         random=random,
         equations=eq.scaled(inflation),
         nuisance=block,
-        terms=tuple(terms[:of_effects]),
-        curves=tuple(terms[of_effects:]),
+        terms=tuple(term for term in terms if term.columns.effect),
+        curves=tuple(term for term in terms if not term.columns.effect),
         rays=rays,
         spread=spread,
         find=find,
         variance=variance,
         inflation=inflation,
     )
+
+
+def _rays_by_law(rays: Rays, predicted: Float[np.ndarray, " n"]) -> Rays:
+    """The rays with the intensity that the law says, and the power that goes with it."""
+    power = predicted - 2 * np.log(np.maximum(rays.range_m, 0.1) / REFERENCE_M)
+    said = predicted.astype(np.float32)
+    return replace(rays, log_intensity=said, met_log_intensity=said, log_power=power.astype(np.float32))
+
+
+def _nuisances(
+    comparison: UnpairedComparison, of_classes: Float[np.ndarray, "n c"]
+) -> tuple[Float[np.ndarray, "n k"], Block]:
+    """What may differ without any effect: overall gain, reflectances of classes, and how normals scatter."""
+    # Noise on a normal of variance v lowers the mean of ln cos by v / 2 sec^2: its second-order term.
+    bend = 0.5 / np.cos(comparison.rays.incidence_rad)[:, None] ** 2
+    columns = np.concatenate([np.ones((len(bend), 1)), of_classes, bend], axis=1).astype(np.float32)
+    precision = np.array([FREE_PRECISION, *[1 / CLASS_SD**2] * of_classes.shape[1], 1 / LAW_CURVATURE_SD**2])
+    return columns, Block(np.arange(columns.shape[1]), precision)
+
+
+def _terms(comparison: UnpairedComparison, rays: Rays, spread: Float[np.ndarray, " q"], *, first: int) -> list[Term]:
+    """What may be an effect, then free curves; their columns stand one after the other within the side's, from `first`
+    on."""
+    rows = comparison.rows
+    parts: list[tuple[str, Columns]] = []
+    # Effects of single classes cannot be told where one side does not say which class a ray meets.
+    for name in (*OF_INTENSITY, *(OF_CLASSES if comparison.shared_classes else ())):
+        change = change_of(EFFECTS[name], rays, rows, spread=spread)
+        parts += [(name, columns) for columns in columns_of(EFFECTS[name], change, rays.row, rows=rows)]
+    for name, basis in curve_columns(comparison).items():
+        parts.append((name, Columns(None, {}, basis, np.full(basis.shape[1], 1 / CURVE_SD**2))))
+    terms = []
+    for name, columns in parts:
+        end = first + columns.columns.shape[1]
+        terms.append(Term(name, columns, Block(np.arange(first, end), columns.precision, columns.sign)))
+        first = end
+    return terms
 
 
 def _common(classes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " c"]:

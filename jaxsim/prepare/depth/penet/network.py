@@ -178,13 +178,8 @@ class PENet(nnx.Module):
         intrinsics: Float[Array, "b 3 3"],
         train: Mode,
     ) -> Backbone:
-        """Both branches alone. rgb 0..255, sparse depth in metres where `valid`."""
-        rows, columns = sparse.shape[1:]
-        if rows % MULTIPLE or columns % MULTIPLE:
-            raise ValueError(
-                f"penet: the image has {rows} x {columns} pixels; both must be multiples of {MULTIPLE}: "
-                "crop it (--prepare.image-crop)"
-            )
+        """Both branches alone. rgb 0..255, sparse depth in metres where `valid`; rows and columns are multiples of
+        MULTIPLE (`check_crop`)."""
         geo = coordinates(sparse, valid, intrinsics, scales=SCALES + 1, convention=self.convention)
         return self.backbone(rgb.astype(jnp.float32), jnp.where(valid, sparse, 0.0), geo, train=train)
 
