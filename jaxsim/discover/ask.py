@@ -77,7 +77,8 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
         chosen = {step.chosen.effect.name for step in answer.choice.steps}
         again, beside_these = asked(nearer, catalogue=[one for one in catalogue if one.name in {*chosen, *hopeful}])
         if finds_more(again, answer):
-            placed, answer, others = nearer, told_whole(again, answer), beside_these
+            placed, answer = nearer, told_whole(again, answer)
+            others = beside_these
     return Asked(placed, tuple(catalogue), answer, others, contrast, note, without)
 
 

@@ -6,7 +6,7 @@ In the order of reading:
                     `covariates`, what a reading may depend on: range, row, class, colour ...
     places.py       rays of a scan by their places, and the places beside them
     effect.py       `Law`, a pure function on rays with its parameters; `Effect`, a law with its row of the catalogue
-    catalogue/      the 41 effects, a file each; `EFFECTS` lists them in physical order
+    catalogue/      the 42 effects, a file each; `EFFECTS` lists them in physical order
     edits.py        the few ways in which laws change rays, early false returns among them
     recast.py       what rays meet that a law turned or moved
     region.py       where an effect acts, if not everywhere

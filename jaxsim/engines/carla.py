@@ -44,6 +44,8 @@ INSTEAD = {
     "beam_gain": "all channels are alike; apply a gain by channel (points come channel by channel) behind the sensor",
     "motion_distortion": "all rays of a tick start from one place: let fixed_delta_seconds be a fraction of a turn, so "
     "that each tick casts a sector from where the sensor then is",
+    "beam_azimuth_error": "all channels of a moment point to one azimuth; several sensors of few channels, "
+    "each turned by its own error, come nearer",
     "beam_elevation_error": "channels lie evenly between lower_fov and upper_fov; several sensors of few channels, "
     "each with its own field of view, come nearer",
     "range_noise": "noise_stddev is the same for all echoes; it is set to the noise at the reference power",

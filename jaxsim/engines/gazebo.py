@@ -28,6 +28,7 @@ _DROP = "no ray is lost but by range; drop points in a node that reads them"
 INSTEAD = {
     **dict.fromkeys(OF_INTENSITY, _RETRO),
     **dict.fromkeys(LOSSES, _DROP),
+    "beam_azimuth_error": "all rows have the same horizontal samples; several sensors of few samples come nearer",
     "beam_elevation_error": "vertical samples lie evenly between min_angle and max_angle; several sensors of few "
     "samples come nearer",
     "motion_distortion": "a scan is rendered at one moment; several sensors of a sector each, at different times, come "

@@ -26,6 +26,7 @@ INSTEAD = {
     "where the sensor's firmware does",
     "mixed_pixels": "beamSampleQuality above 1 casts several rays a pulse, and the waveform's peaks lie between "
     "surfaces that are closer than the pulse is long",
+    "beam_azimuth_error": "a multi-scanner has its channels one by one: give each its own rotation",
     "beam_elevation_error": "a multi-scanner has its channels one by one: give each its own rotation",
     "motion_distortion": "a platform that moves while the scanner turns has it already",
 }

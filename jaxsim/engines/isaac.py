@@ -51,7 +51,8 @@ def settings(answer: Estimates, _: Mapping[str, float]) -> list[Setting]:
     why_wide = "incidence_range_bias: the beam's divergence, for rayType GAUSSIAN_BEAM"
     bias = [b.mapped(lambda v: -v) for b in answer.each("beam_range_bias", "bias_m")]
     why_bias = "beam_range_bias: taken off again by the emitter's correction, hence its sign"
-    error = [degrees(e) for e in answer.each("beam_elevation_error", "error_rad")]
+    upward = [degrees(e) for e in answer.each("beam_elevation_error", "error_rad")]
+    aside = [degrees(e) for e in answer.each("beam_azimuth_error", "error_rad")]
     power = [g.mapped(math.exp) for g in answer.each("beam_gain", "gain")]
     return [
         *noise_of_range(answer, f"{_CORE}rangeAccuracyM"),
@@ -59,7 +60,8 @@ def settings(answer: Estimates, _: Mapping[str, float]) -> list[Setting]:
         *limits_of_range(answer, minimum=f"{_CORE}nearRangeM", maximum=f"{_CORE}farRangeM"),
         *known(*((f"{_CORE}divergence{side}Deg", wide, "degrees", why_wide) for side in ("Hor", "Ver"))),
         *_emitters("distanceCorrectionM", bias, unit="m", why=why_bias),
-        *_emitters("elevationDeg", error, unit="degrees", why="beam_elevation_error: add it"),
+        *_emitters("elevationDeg", upward, unit="degrees", why="beam_elevation_error: add it"),
+        *_emitters("azimuthDeg", aside, unit="degrees", why="beam_azimuth_error: add it"),
         *_emitters("emitterPeakPowerW", power, unit="times", why="beam_gain: multiply the emitter's power by it"),
     ]
 
@@ -87,7 +89,7 @@ ENGINE = Engine(
     expresses=frozenset(
         {
             *("range_noise", "range_quantization", "range_step", "range_gate", "incidence_range_bias"),
-            *("beam_range_bias", "beam_elevation_error", "beam_gain"),
+            *("beam_range_bias", "beam_elevation_error", "beam_azimuth_error", "beam_gain"),
         }
     ),
     instead=INSTEAD,

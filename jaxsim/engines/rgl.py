@@ -24,6 +24,7 @@ INSTEAD = {
     "mixed_pixels": "rgl_node_raytrace_configure_beam_divergence casts several rays a beam, and returns of its first "
     "or last hit; points between two surfaces need a mean of hits behind the graph",
     "range_scale": "move points along their rays behind the graph; the noise node's mean is one number for all ranges",
+    "beam_azimuth_error": "add it to the ray poses that rgl_node_rays_from_mat3x4f is given",
     "beam_elevation_error": "add it to the ray poses that rgl_node_rays_from_mat3x4f is given",
     "motion_distortion": "rgl_node_raytrace_configure_velocity with time offsets of the rays "
     "(rgl_node_rays_set_time_offsets) does it",

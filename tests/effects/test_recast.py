@@ -55,7 +55,7 @@ def check(rays, truth, *, share=0.9, inside=None, median_m=2e-3):
 
 
 @pytest.mark.parametrize("name", ["extrinsic_rotation", "extrinsic_translation", "beam_elevation_error",
-                                  "motion_distortion"])  # fmt: skip
+                                  "beam_azimuth_error", "motion_distortion"])  # fmt: skip
 @pytest.mark.parametrize("turn", [2 * np.pi, 1.9])
 def test_no_displacement_changes_nothing(name, turn):
     scan = road_and_walls(grid_of(turn), speed=[10.0])
@@ -90,6 +90,14 @@ def test_each_beam_s_elevation_error_moves_its_own_readings():
     azimuth, elevation = angles(grid)
     rays = displaced("beam_elevation_error", {"error_rad": error}, road_and_walls(grid))
     check(rays, cast(directions_of(azimuth, elevation + error[:, None])))
+
+
+def test_each_beam_s_azimuth_error_moves_its_own_readings():
+    grid = grid_of()
+    error = np.random.default_rng(0).normal(0, 0.003, 24)
+    azimuth, elevation = angles(grid)
+    rays = displaced("beam_azimuth_error", {"error_rad": error}, road_and_walls(grid))
+    check(rays, cast(directions_of(azimuth + error[:, None], elevation)))
 
 
 def test_motion_moves_the_origin_by_speed_and_place_within_the_scan():

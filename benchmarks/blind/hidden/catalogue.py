@@ -23,7 +23,13 @@ FAMILIES = {
     "angle": ("incidence_cosine", "oren_nayar", "specular_lobe", "gamma_response", "intensity_offset", "saturation"),
     "distance": ("range_falloff", "atmospheric_extinction", "near_range_overlap", "focal_compensation", "range_gate"),
     "beam": ("beam_gain",),
-    "pose": ("extrinsic_rotation", "extrinsic_translation", "beam_elevation_error", "motion_distortion"),
+    "pose": (
+        "extrinsic_rotation",
+        "extrinsic_translation",
+        "beam_elevation_error",
+        "beam_azimuth_error",
+        "motion_distortion",
+    ),
     "ranging": (
         "beam_range_bias",
         "range_scale",
@@ -51,6 +57,7 @@ COVARIATES: dict[str, tuple[str, ...]] = {
     "extrinsic_rotation": (*BEAMS, *TURNS, *EDGES, "range"),
     "extrinsic_translation": (*BEAMS, *TURNS, *EDGES, "range", *ANGLES),
     "beam_elevation_error": BEAMS,
+    "beam_azimuth_error": (*BEAMS, *EDGES, "range"),
     "motion_distortion": ("speed", *TURNS, *EDGES, "time"),
     "incidence_cosine": ANGLES,
     "oren_nayar": ANGLES,

@@ -48,6 +48,17 @@ def beam_elevation_error(amount: float, rng: np.random.Generator, about: About) 
     return Plan({"error_rad": as_list(error)}, rays=[rays])
 
 
+def beam_azimuth_error(amount: float, rng: np.random.Generator, about: About) -> Plan:
+    error = centred(rng, about.rows, amount)
+
+    def rays(r: Rays, grid: Grid, moment: Moment) -> None:
+        x, y, z = np.moveaxis(r.direction, -1, 0)
+        cos, sin = np.cos(error)[:, None], np.sin(error)[:, None]
+        r.direction = np.stack([cos * x - sin * y, sin * x + cos * y, z], -1)
+
+    return Plan({"error_rad": as_list(error)}, rays=[rays])
+
+
 def motion_distortion(amount: float, rng: np.random.Generator, about: About) -> Plan:
     def rays(r: Rays, grid: Grid, moment: Moment) -> None:
         columns = len(grid.azimuth)
@@ -255,6 +266,9 @@ LIGHT = {
     "extrinsic_translation": Effect(extrinsic_translation, ("range", "intensity", "drop"), "m of shift", 0.02, 0.5),
     "beam_elevation_error": Effect(
         beam_elevation_error, ("range", "intensity", "drop"), "rad sd over beams", 0.02 * DEGREE, 0.004
+    ),
+    "beam_azimuth_error": Effect(
+        beam_azimuth_error, ("range", "intensity", "drop"), "rad sd over beams", 0.02 * DEGREE, 0.004
     ),
     "motion_distortion": Effect(motion_distortion, ("range", "intensity", "drop"), "share of ego motion", 0.25, 1.5),
     "incidence_cosine": Effect(incidence_cosine, ("intensity",), "exponent", 0.09, 1.0),

@@ -8,6 +8,7 @@ CONTRIBUTING.md shows how to add one.
 from jaxsim.effects.catalogue import (
     ambient_light,
     atmospheric_extinction,
+    beam_azimuth_error,
     beam_dropout,
     beam_elevation_error,
     beam_gain,
@@ -56,6 +57,7 @@ EFFECTS: dict[str, Effect] = {
     "extrinsic_rotation": extrinsic_rotation.EFFECT,
     "extrinsic_translation": extrinsic_translation.EFFECT,
     "beam_elevation_error": beam_elevation_error.EFFECT,
+    "beam_azimuth_error": beam_azimuth_error.EFFECT,
     "motion_distortion": motion_distortion.EFFECT,
     # surface
     "incidence_cosine": incidence_cosine.EFFECT,

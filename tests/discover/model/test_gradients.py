@@ -18,6 +18,7 @@ GEOMETRY = {
     "extrinsic_rotation": {"yaw_rad": 0.02, "pitch_rad": -0.01, "roll_rad": 0.01},
     "extrinsic_translation": {"x_m": 0.1, "y_m": -0.05, "z_m": 0.1},
     "beam_elevation_error": {"error_rad": 0.004 * np.sin(np.arange(ROWS))},
+    "beam_azimuth_error": {"error_rad": 0.004 * np.cos(np.arange(ROWS))},
     "motion_distortion": {"share": 0.7},
 }
 

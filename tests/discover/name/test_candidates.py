@@ -81,9 +81,10 @@ def test_one_beam_or_two_are_left_as_they_are():
     np.testing.assert_allclose(smooth(np.array([0.4, -0.1])), [0.4, -0.1], atol=1e-12)
 
 
-def test_the_catalogue_has_five_effects_of_single_beams():
+def test_the_catalogue_has_six_effects_of_single_beams():
     beams = {name for name, effect in EFFECTS.items() if by_beam(effect)}
-    assert beams == {"beam_gain", "beam_dropout", "beam_range_bias", "beam_elevation_error", "focal_compensation"}
+    pointing = {"beam_elevation_error", "beam_azimuth_error"}
+    assert beams == {"beam_gain", "beam_dropout", "beam_range_bias", "focal_compensation", *pointing}
 
 
 @pytest.mark.parametrize(("rough", "passes"), [(5.0, True), (0.5, False), (-3.0, False)])
