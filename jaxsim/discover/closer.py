@@ -11,12 +11,16 @@ believed where nothing else is left over of its channels there.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 
+from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.name.answer import Answer
-from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.other_sides import goes_by_steps
+from jaxsim.discover.name.select import with_steps
 from jaxsim.discover.rules import RULES
+from jaxsim.effects import Effect
 
 
 def undecided(answer: Answer) -> tuple[str, ...]:
@@ -35,6 +39,15 @@ def undecided(answer: Answer) -> tuple[str, ...]:
 def hope(candidate: Candidate) -> float:
     """What a candidate gains by what is its own, nats."""
     return min(candidate.total, candidate.rough_nats)
+
+
+def fulfilled(names: Collection[str], first: Answer, null: Problem, catalogue: Iterable[Effect]) -> bool:
+    """Whether any of the named effects is accepted on the closer look's null, beside what the first look chose: all
+    else that naming asks takes far longer."""
+    steps, bar = first.choice.steps, first.choice.bars.effect
+    beside = with_steps(null, steps) if steps else null
+    ranking = rank_effects(beside, [effect for effect in catalogue if effect.name in names], bar=bar)
+    return any(candidate.accepted(bar) for candidate in ranking)
 
 
 def finds_more(closer: Answer, first: Answer) -> bool:

@@ -1,25 +1,27 @@
 """A closer look, at more columns of the same frames, where the first leaves effects undecided."""
 
+import inspect
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from jaxsim.discover.ask import ask
-from jaxsim.discover.closer import finds_more, told_whole, undecided
+from jaxsim.discover import ask as stage
+from jaxsim.discover.closer import finds_more, fulfilled, told_whole, undecided
 from jaxsim.discover.covariates import Dependence
-from jaxsim.discover.division import NOTHING_YET
+from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.doubts import NEGLIGIBLE
 from jaxsim.discover.name.select import Choice
-from jaxsim.discover.place import place
 from jaxsim.discover.read import Comparison
+from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import get_effect
 from tests.discover.name.made import candidate, problem, step
 from tests.discover.toy import toy
 
-ROAD = 7
+CATALOGUE = [get_effect(name) for name in ("beam_gain", "range_falloff")]
 
 
 def answer(*chosen, last=(), curve=None, **more) -> Answer:
@@ -63,25 +65,59 @@ def test_a_closer_answer_keeps_what_only_the_first_look_asked():
     assert (told.choice.refused, told.choice.needless) == ({"range_scale": NEGLIGIBLE}, ("beam_gain",))
 
 
-@pytest.mark.long
-def test_losses_that_a_few_columns_cannot_show_are_named_from_more_of_them(standard_promotion):
-    """Of the road, and of nothing else, two rays in a hundred are lost."""
-    scan, measured = toy(frames=12, columns=360)
-    lost = (np.random.default_rng(1).random(measured.valid.shape) < 0.018) & (np.asarray(scan.semantic) == ROAD)
-    valid = measured.valid & ~lost
-    measured = replace(
-        measured,
-        valid=valid,
-        range_m=np.where(valid, measured.range_m, 0),
-        intensity=np.where(valid, measured.intensity, 0),
+def asked_closer(monkeypatch, found, *, hopes: bool):
+    """What `ask` says where the first look says none, and the closer one says what was `found`; and what it asked."""
+    nearer = SimpleNamespace(
+        found=looking(), division=SimpleNamespace(blocks=SimpleNamespace(column=np.zeros((2, 78))))
     )
+    first = SimpleNamespace(
+        found=looking(), division=SimpleNamespace(control=NO_CONTROL), catalogue=CATALOGUE, closer=lambda: nearer
+    )
+    names: list[tuple[bool, list[str]]] = []
+
+    def answer_of(placed, *, catalogue, **more):
+        names.append((placed is nearer, [effect.name for effect in catalogue]))
+        return (found if placed is nearer else answer(last=(candidate("range_falloff", 0.5),))), ()
+
+    for name, stub in {
+        "correlations": lambda ev: None,
+        "unrelated": lambda told: None,
+        "with_look_alikes": lambda effects, rays, scan: list(effects),
+        "contrast_off": lambda null, choice: None,
+        "answer_of": answer_of,
+        "fulfilled": lambda *given: hopes,
+    }.items():
+        monkeypatch.setattr(stage, name, stub)
+    return inspect.unwrap(stage.ask)(first, nulls=0, log=lambda line: None), names, first, nearer
+
+
+def looking():
+    return SimpleNamespace(null=SimpleNamespace(problem=SimpleNamespace(ev=SimpleNamespace(rays=None), scan=None)))
+
+
+@pytest.mark.parametrize("hopes", [True, False])
+def test_the_closer_answer_is_taken_where_hopes_are_fulfilled_and_asks_for_these_alone(monkeypatch, hopes):
+    monkeypatch.setattr(stage, "Asked", lambda *given: given)
+    said, names, first, nearer = asked_closer(monkeypatch, answer(candidate("range_falloff", 3.0)), hopes=hopes)
+    assert names[0] == (False, [effect.name for effect in CATALOGUE])
+    assert names[1:] == ([(True, ["range_falloff"])] if hopes else [])
+    assert said[0] is (nearer if hopes else first)
+    assert said[2].verdict == ("named" if hopes else "none")
+
+
+@pytest.mark.long
+def test_a_falloff_that_a_few_columns_leave_undecided_is_seen_on_more_of_them(standard_promotion):
+    scan, measured = toy(frames=12, columns=240)
+    fallen = np.where(measured.valid, measured.intensity * (np.maximum(scan.range_m, 1) / 10) ** -0.12, 0)
     names = tuple(f"{k:02d}" for k in range(12))
-    lines: list[str] = []
-    catalogue = [get_effect("random_dropout")]
-    first = place(Comparison(scan, measured, names, names), catalogue, NOTHING_YET, log=lines.append)
-    asked = ask(first, nulls=0, log=lines.append)
-    assert any(line.startswith("undecided: random_dropout; asked once more") for line in lines)
-    assert [one.chosen.effect.name for one in asked.answer.choice.steps] == ["random_dropout"]
-    looked = [placed.division.blocks.column.shape[1] for placed in (first, asked.placed)]
-    assert looked[1] == 3 * looked[0]
-    assert asked.placed.division.parts == first.division.parts
+    comparison = Comparison(scan, replace(measured, intensity=np.clip(fallen, 0, 1).astype(np.float32)), names, names)
+    division = Division.of(comparison)
+    closer = division.closer()
+    looked = [one.blocks.column.shape[1] for one in (division, closer)]
+    assert looked == [104, 240]
+    assert closer.parts == division.parts
+    # There are no more columns than these.
+    assert closer.closer() is closer
+    asked = ("range_falloff",)
+    seen = [fulfilled(asked, answer(), NullModel.of(one).problem, CATALOGUE) for one in (division, closer)]
+    assert seen == [False, True]
