@@ -74,7 +74,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     if nearer is not placed:
         columns = nearer.division.blocks.column.shape[1]
         log(f"undecided: {', '.join(hopeful)}; asked once more, of {columns} columns a frame")
-        if fulfilled(hopeful, answer, nearer.found.null.problem, catalogue):
+        if fulfilled([one for one in catalogue if one.name in hopeful], answer, nearer.found.null.problem):
             names = {*hopeful, *(step.chosen.effect.name for step in answer.choice.steps)}
             again, beside_these = asked(nearer, catalogue=[one for one in catalogue if one.name in names])
             if finds_more(again, answer):

@@ -11,7 +11,7 @@ believed where nothing else is left over of its channels there.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Sequence
 from dataclasses import replace
 
 from jaxsim.discover.model.fit import Problem
@@ -41,12 +41,12 @@ def hope(candidate: Candidate) -> float:
     return min(candidate.total, candidate.rough_nats)
 
 
-def fulfilled(names: Collection[str], first: Answer, null: Problem, catalogue: Iterable[Effect]) -> bool:
-    """Whether any of the named effects is accepted on the closer look's null, beside what the first look chose: all
+def fulfilled(effects: Sequence[Effect], first: Answer, null: Problem) -> bool:
+    """Whether any of the effects is accepted on the closer look's null, beside what the first look chose: all
     else that naming asks takes far longer."""
     steps, bar = first.choice.steps, first.choice.bars.effect
     beside = with_steps(null, steps) if steps else null
-    ranking = rank_effects(beside, [effect for effect in catalogue if effect.name in names], bar=bar)
+    ranking = rank_effects(beside, effects, bar=bar)
     return any(candidate.accepted(bar) for candidate in ranking)
 
 

@@ -118,6 +118,6 @@ def test_a_falloff_that_a_few_columns_leave_undecided_is_seen_on_more_of_them(st
     assert closer.parts == division.parts
     # There are no more columns than these.
     assert closer.closer() is closer
-    asked = ("range_falloff",)
-    seen = [fulfilled(asked, answer(), NullModel.of(one).problem, CATALOGUE) for one in (division, closer)]
+    falloff = [get_effect("range_falloff")]
+    seen = [fulfilled(falloff, answer(), NullModel.of(one).problem) for one in (division, closer)]
     assert seen == [False, True]
