@@ -42,8 +42,8 @@ def hope(candidate: Candidate) -> float:
 
 
 def fulfilled(effects: Sequence[Effect], first: Answer, null: Problem) -> bool:
-    """Whether any of the effects is accepted on the closer look's null, beside what the first look chose: all
-    else that naming asks takes far longer."""
+    """Whether any of the effects is accepted on the closer look's null, beside what the first look chose: all else that
+    naming asks takes far longer."""
     steps, bar = first.choice.steps, first.choice.bars.effect
     beside = with_steps(null, steps) if steps else null
     ranking = rank_effects(beside, effects, bar=bar)
