@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, score_at, score_columns
+from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import reweighted
 from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.name.select import FittedStep
@@ -28,9 +29,10 @@ from jaxsim.discover.scenes import clipped, p_value
 
 def denied_without(step: FittedStep, problem: Problem) -> str:
     """The class without whose surfaces all others clearly speak against an effect that was fitted to a problem, by
-    name; empty where there is none, and of effects that move or turn rays: these meet other surfaces, of any class."""
+    name; empty where there is none, and of effects that move or turn rays: these meet other surfaces, of any class. Of a
+    lattice, too, which all readings tell beside the likelihood of single rays (`likelihood.rounding_gain`)."""
     effect, result = step.chosen.effect, step.fit
-    if effect.casts:
+    if effect.casts or effect.name in FINEST:
         return ""
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
     kinds, counts = np.unique(semantic[hit], return_counts=True)

@@ -55,6 +55,14 @@ def test_what_turns_rays_is_not_asked_of_single_classes():
     assert denied_without(turned, problem) == shown_by(turned, problem, [IDS["building"]]) == ""
 
 
+@pytest.mark.parametrize("name", ["intensity_quantization", "range_quantization"])
+def test_a_lattice_is_not_asked_of_single_classes(name):
+    step, problem = chosen(sides(IDS["road"]))
+    assert denied_without(step, problem) == "road"
+    lattice = replace(step, chosen=replace(step.chosen, effect=EFFECTS[name]))
+    assert denied_without(lattice, problem) == ""
+
+
 def test_rays_that_are_left_out_count_for_nothing():
     ev = NullModel.of(Division.of(sides())).problem.ev
     road = np.asarray(ev.rays.semantic) == IDS["road"]
