@@ -29,8 +29,8 @@ from jaxsim.discover.scenes import clipped, p_value
 
 def denied_without(step: FittedStep, problem: Problem) -> str:
     """The class without whose surfaces all others clearly speak against an effect that was fitted to a problem, by
-    name; empty where there is none, and of effects that move or turn rays: these meet other surfaces, of any class. Of a
-    lattice, too, which all readings tell beside the likelihood of single rays (`likelihood.rounding_gain`)."""
+    name; empty where there is none, and of effects that move or turn rays: these meet other surfaces, of any class.
+    Of a lattice, too, which all readings tell beside the likelihood of single rays (`likelihood.rounding_gain`)."""
     effect, result = step.chosen.effect, step.fit
     if effect.casts or effect.name in FINEST:
         return ""
