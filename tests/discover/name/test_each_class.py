@@ -8,6 +8,7 @@ import pytest
 from jaxsim.data.cityscapes import IDS
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.each_class import denied_without, leaving_out, shown_by
 from jaxsim.discover.name.select import fitted_step
@@ -55,12 +56,11 @@ def test_what_turns_rays_is_not_asked_of_single_classes():
     assert denied_without(turned, problem) == shown_by(turned, problem, [IDS["building"]]) == ""
 
 
-@pytest.mark.parametrize("name", ["intensity_quantization", "range_quantization"])
-def test_a_lattice_is_not_asked_of_single_classes(name):
+def test_a_lattice_is_not_asked_of_single_classes():
     step, problem = chosen(sides(IDS["road"]))
-    assert denied_without(step, problem) == "road"
-    lattice = replace(step, chosen=replace(step.chosen, effect=EFFECTS[name]))
-    assert denied_without(lattice, problem) == ""
+    for name in FINEST:
+        lattice = replace(step, chosen=replace(step.chosen, effect=EFFECTS[name]))
+        assert denied_without(lattice, problem) == ""
 
 
 def test_rays_that_are_left_out_count_for_nothing():
