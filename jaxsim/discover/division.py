@@ -160,6 +160,7 @@ class Division:
             given_rad=self.given.incidence_rad,
             rays=self.rays.part(keep),
             simulator=self.simulator,
+            apart=self.apart,
         )
         if self.between_unknown:
             between = get_effect("mixed_pixels")

@@ -47,8 +47,8 @@ Random effects in closed form (`random_effects`; Laird & Ware 1982)
     level_i = x_i (beta + street_b) + surface_s(i) + strip_t(i)
     x_i     = 1 (gain), kinds of surfaces, sec^2(incidence) / 2, -tan(incidence) d ln density / d incidence (density
               among the rays of a row), three disagreements of normals (`Evidence.features`); of a noisy simulator its
-              detail on bright and on dark surfaces, and levels over their trend (`simulator`); where the sensor does
-              not follow the simulator's contrast, its differences on four scales (`contrast`)
+              detail on bright and on dark surfaces, and levels over their trend (`simulator`); of another its
+              differences within classes, and where the sensor does not follow its contrast, on four scales (`contrast`)
     shift_i = what the block's pose moves range i by: 1 / range is linear in the pose on planes
     beta is shared by the fitted blocks; street, surface, strip, pose are each block's own and pay their priors:
     cost(u) = street^2 / 2 sd^2 + surface^2 / 2 sd^2 + strip^2 / 2 sd^2;   cost(pose) = |pose / sd|^2 / 2
@@ -68,7 +68,8 @@ Priors and bounds, and where they are set
     n       N(n_0, 2), n_0 where the fit begins; bounds                            noise.NOISE_SD, START, MOST, LEAST
     beta    kinds 0.3 nats, held within 0.7                                evidence.CLASS_SD, random_effects.CLASS_MOST
             curvature 0.002; shift 0.002 rad^2                             evidence.CURVATURE_SD, SHIFT_SD
-            share of disagreeing normals 1, of detail 1; gain free      evidence.NORMALS_SD, DETAIL_SD, GAIN_PRECISION
+            share of disagreeing normals 1; gain free                   evidence.NORMALS_SD, GAIN_PRECISION
+            share of detail 1, of differences within classes 0.15       simulator.DETAIL_SD, SLOPE_SD
     street  0.1 nats; strip 0.1                                            cast.STREET_SD, STRIP_SD
     surface object 0.2, patch of 6 m 0.15                                  cast.OBJECT_SD, PATCH_SD, PATCH_M
     pose    2 cm, 1 mrad an axis; moves a reading by 15 % at most          evidence.POSE_SD, random_effects.POSE_MOST

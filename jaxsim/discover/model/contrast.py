@@ -3,39 +3,97 @@
 A law of the sensor bends readings one by one: its slope is the same for a surface against its neighbour, for two cells
 of one surface, and for two classes. What a simulator has learned, or blurred, or made up is not: a network's fine
 detail is too weak, and of the differences between surfaces of a class part is its own error, which the sensor does not
-follow. So a slope that depends on how far apart the compared cells are is the simulator's.
+follow: a class holds several materials, each of which its table may have wrong, and crowns are of other leaves. So a
+slope that depends on how far apart the compared cells are, or on their class, is the simulator's.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter1d
 
+from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.frame import Array
 
-SCALES = ("cells", "patches", "dark_surfaces", "bright_surfaces")
-"""A cell over the 3 x 3 about it; these over PATCH_ROWS rows and PATCH_RAD about them; and a cell over what the
-simulator says of its class at this angle and range: of dark surfaces, for which more of it may be made up, and of
-bright ones."""
+SCALES = ("cells", "patches")
+"""A cell over the 3 x 3 about it; these over PATCH_ROWS rows and PATCH_RAD about them. Each class has one more scale,
+of its name: a cell over what the simulator says of its class at this angle and range."""
+OF_NO_CLASS = ("dark_surfaces", "bright_surfaces")
+"""Scales of frames that tell no classes: more of dark surfaces may be made up."""
+OTHERS = "other_classes"
+"""The scale of the classes that fewer rays show."""
+MOST_CLASSES = 8
+"""Classes that have a scale of their own, at most: those that most rays show."""
 DARK_AND_BRIGHT = (0.1, 0.9)
-"""Quantiles of what the simulator says of classes, in ln I, up to which a surface is dark and from which it is bright;
-between them it is partly both."""
+"""Quantiles of what the simulator says, in ln I, up to which a surface is dark and from which it is bright; between
+them it is partly both."""
 PATCH_ROWS, PATCH_RAD = 5, np.deg2rad(8.0)
 """Half height and half width of a patch."""
 MOST_CONTRAST = 1.0
 """Nats within which differences are held: one dark cell tells no slope."""
 
 
-def contrast_of(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"]) -> Float[np.ndarray, "b c r k"]:
-    """Differences of the simulated ln I at the chosen rays, nats, on each of SCALES; 0 where a ray reads nothing."""
-    light = np.log(np.maximum(np.asarray(scan.intensity), FLOOR))
-    # A cell without a reading says nothing of those beside it.
-    counts = np.asarray(scan.hit) & (light > np.log(FLOOR))
+class Contrasts(NamedTuple):
+    """Differences of the simulated ln I."""
+
+    scales: tuple[str, ...]
+    nats: Float[np.ndarray, "b c r k"]
+    """On each of the scales; 0 where a ray reads nothing."""
+
+
+def contrast_of(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"]) -> Contrasts:
+    """The contrast at the chosen rays, on all scales: SCALES first, then those of classes."""
+    within = within_classes(scan, index, given_rad=given_rad)
+    return Contrasts((*SCALES, *within.scales), np.concatenate([_beside(scan, index), within.nats], axis=-1))
+
+
+def within_classes(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"]) -> Contrasts:
+    """The contrast of cells over what is usual of their class; of dark and of bright surfaces where all are of one."""
+    own = np.log(np.maximum(np.asarray(scan.intensity)[index], FLOOR))
+    there = _reads(scan)[index]
+    semantic = np.asarray(scan.semantic)[index][there]
+    usual = class_trend(
+        own[there].astype(float),
+        semantic=semantic,
+        incidence_rad=np.asarray(given_rad)[index][there],
+        range_m=np.asarray(scan.range_m)[index][there],
+    )
+    names, shares = _of_classes(semantic, usual)
+    nats = np.zeros((*there.shape, len(names)), np.float32)
+    nats[there] = np.clip(own[there] - usual, -MOST_CONTRAST, MOST_CONTRAST)[:, None] * shares
+    return Contrasts(names, nats)
+
+
+def _of_classes(
+    semantic: Int[np.ndarray, " n"], usual: Float[np.ndarray, " n"]
+) -> tuple[tuple[str, ...], Float[np.ndarray, "n k"]]:
+    """The scales of classes, and how much of each a ray is; `usual` is the ln I of its class at its angle and range."""
+    kinds, counts = np.unique(semantic, return_counts=True)
+    if len(kinds) < 2:
+        dark, bright = np.quantile(usual, DARK_AND_BRIGHT) if len(usual) else (0.0, 1.0)
+        share = np.clip((usual - dark) / max(bright - dark, 1e-6), 0, 1)
+        return OF_NO_CLASS, np.stack([1 - share, share], axis=-1)
+    most = np.argsort(-counts, kind="stable")[:MOST_CLASSES]
+    own = np.sort(kinds[most][counts[most] >= RULES.fewest_of_class])
+    shares = semantic[:, None] == own
+    return (*(NAMES[int(kind)] for kind in own), OTHERS), np.column_stack([shares, ~shares.any(-1)]).astype(float)
+
+
+def _reads(scan: Scan) -> Bool[np.ndarray, "f r n"]:
+    """Whether a cell reads anything: without, it says nothing of those beside it."""
+    return np.asarray(scan.hit) & (np.asarray(scan.intensity) > FLOOR)
+
+
+def _beside(scan: Scan, index: RayIndex) -> Float[np.ndarray, "b c r k"]:
+    """The contrast on SCALES."""
+    light, counts = np.log(np.maximum(np.asarray(scan.intensity), FLOOR)), _reads(scan)
     azimuth = np.asarray(scan.grid.azimuth_rad, float)
     step = np.median(np.abs(np.angle(np.exp(1j * np.diff(azimuth)))))
     patch = PATCH_ROWS, max(2, round(PATCH_RAD / max(step, 1e-6)))
@@ -49,19 +107,7 @@ def contrast_of(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"]
         at = places[1][of], places[2][of]
         near = _mean_about(light[frame], counts[frame], (1, 1), turns=turns)
         far = _mean_about(light[frame], counts[frame], patch, turns=turns)
-        contrast[of, 0] = own[of] - near[at]
-        contrast[of, 1] = near[at] - far[at]
-    if there.any():
-        usual = class_trend(
-            own[there].astype(float),
-            semantic=np.asarray(scan.semantic)[index][there],
-            incidence_rad=np.asarray(given_rad)[index][there],
-            range_m=np.asarray(scan.range_m)[index][there],
-        )
-        dark, bright = np.quantile(usual, DARK_AND_BRIGHT)
-        share = np.clip((usual - dark) / max(bright - dark, 1e-6), 0, 1)
-        over = np.clip(own[there] - usual, -MOST_CONTRAST, MOST_CONTRAST)
-        contrast[there, 2:] = np.stack([over * (1 - share), over * share], axis=-1)
+        contrast[of] = np.stack([own[of] - near[at], near[at] - far[at]], axis=-1)
     return np.where(there[..., None], np.clip(contrast, -MOST_CONTRAST, MOST_CONTRAST), 0)
 
 

@@ -7,6 +7,7 @@ n that a scan has, c are looked at.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -50,9 +51,6 @@ TERRAIN = (22,)
 """Cityscapes ids of ground that rolls."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
 """Standard deviation of a frame's pose: m along x, y, z and rad about them."""
-DETAIL_SD = 1.0
-"""Of how much more, or less, than a simulator's detail (one with noise, or of free contrast) the measured intensity
-follows it."""
 AFTER_KINDS = 5
 """Features behind the kinds: curvature, shift and the three of disagreeing normals; of a noisy simulator, or one
 of free contrast, its detail too."""
@@ -119,6 +117,8 @@ class Evidence:
     """Names of the features behind the gain: classes, or what stands in for them (`Kinds`)."""
     after_kinds: int = struct.field(pytree_node=False, default=AFTER_KINDS)
     """Features behind the kinds of surfaces."""
+    scales: tuple[str, ...] = struct.field(pytree_node=False, default=())
+    """Names of the last features where contrast is left free (`contrast.Contrasts`)."""
 
     @property
     def intensity(self) -> Float[np.ndarray, "b c r"]:
@@ -143,6 +143,12 @@ class Evidence:
         return self.rays.hit & self.returned & ~self.edge
 
 
+def without_detail(ev: Evidence) -> Evidence:
+    """The evidence that takes a simulator's detail for what it says, whose slopes are left to no nuisance."""
+    details = np.arange(ev.features.shape[-1]) >= ev.features.shape[-1] - (ev.after_kinds - AFTER_KINDS)
+    return replace(ev, features=jnp.where(details, 0, ev.features))
+
+
 def near_enough(measured_m: Float[Array, "*n"], predicted_m: Float[Array, "*n"]) -> Bool[Array, "*n"]:
     """Whether a reading is of the predicted surface, or close by."""
     return jnp.abs(measured_m - predicted_m) < jnp.maximum(RULES.near_m, RULES.near_share * predicted_m)
@@ -158,12 +164,14 @@ def gather(
     given_rad: Float[Array, "f r n"] | None = None,
     rays: Cast | None = None,
     simulator: Meant | None = None,
+    apart: Sequence[int] = (),
 ) -> Evidence:
     """The evidence of chosen columns: `frame`, `column` and `scene` of each block.
 
     `given_rad` are the simulator's own incidence angles, where those of `scan` are better (`with_planes`);
     `rays` what `cast` gives for these columns, where it was asked before; `simulator` what is known of its own noise,
-    if `scan` is what it means.
+    if `scan` is what it means; `apart` the classes whose surfaces are partly others on the two sides: where these are
+    not most of what is seen, their intensities are not compared, for they are seen at other angles than is simulated.
     """
     index = ray_index(scan, frame, column)
     values = np.asarray(measured.intensity)[index]
@@ -173,6 +181,9 @@ def gather(
     given = scan.incidence_rad if given_rad is None else given_rad
     surfaces = surfaces_of(scan, index)
     per_ray = at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator or Meant.as_said(scan))
+    others = np.isin(np.asarray(scan.semantic)[index], apart)
+    if others[np.asarray(scan.hit)[index]].mean() <= RULES.apart_most_share:
+        per_ray = replace(per_ray, trusted=per_ray.trusted & ~others)
     fields = _fields_of_rays(
         scan,
         measured,
@@ -185,13 +196,13 @@ def gather(
         per_ray=per_ray,
         kinds=kinds.share,
     )
-    details = 0 if per_ray.detail is None else per_ray.detail.shape[-1]
+    details = per_ray.detail.shape[-1]
     of_frames = np.unique(frame)
     hit = np.asarray(scan.hit)[of_frames]
     ev = Evidence(
         **fields,
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
-        ridge=_ridge(len(kinds.names), details=details),
+        ridge=_ridge(len(kinds.names), details=details, detail_sd=per_ray.detail_sd),
         strip=surfaces.strip,
         surface=surfaces.surface,
         precision=surfaces.precision,
@@ -203,6 +214,7 @@ def gather(
         scenes=int(scene.max()) + 1,
         kinds=kinds.names,
         after_kinds=AFTER_KINDS + details,
+        scales=per_ray.scales,
     )
     return jax.device_put(ev)
 
@@ -256,10 +268,8 @@ def _fields_of_rays(
     known_variance = per_ray.variance + blur
     # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
     lift = jnp.broadcast_to(0.5 * blur, log_measured.shape)
-    # The design of the random effects, with the detail of a noisy simulator where there is any.
-    features = _features(rays, given, kinds, score=score)
-    if per_ray.detail is not None:
-        features = jnp.concatenate([features, per_ray.detail], axis=-1)
+    # The design of the random effects.
+    features = jnp.concatenate([_features(rays, given, kinds, score=score), per_ray.detail], axis=-1)
     return {
         "rays": rays,
         "returned": returned,
@@ -338,8 +348,8 @@ def _features(
     return jnp.stack([jnp.ones_like(given), *jnp.moveaxis(kinds, -1, 0), curvature, shift, *disagreements], axis=-1)
 
 
-def _ridge(kinds: int, *, details: int) -> Float[np.ndarray, " p"]:
-    """`Evidence.ridge` for so many kinds of surfaces and features of a simulator's detail."""
+def _ridge(kinds: int, *, details: int, detail_sd: float) -> Float[np.ndarray, " p"]:
+    """`Evidence.ridge` for so many kinds of surfaces and features of a simulator's detail, of this deviation."""
     others = [1 / CURVATURE_SD**2, 1 / SHIFT_SD**2, *[1 / NORMALS_SD**2] * 3]
-    of_detail = [1 / DETAIL_SD**2] * details
+    of_detail = [1 / detail_sd**2] * details
     return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others, *of_detail], np.float32)

@@ -3,7 +3,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.contrast import PATCH_RAD, PATCH_ROWS, SCALES, class_trend, contrast_of
+from jaxsim.data.cityscapes import NAMES
+from jaxsim.discover.model.contrast import (
+    MOST_CLASSES,
+    OF_NO_CLASS,
+    PATCH_RAD,
+    PATCH_ROWS,
+    SCALES,
+    class_trend,
+    contrast_of,
+    within_classes,
+)
 from tests.discover.noisy_street import COLUMNS, ROWS, scan
 
 
@@ -11,7 +21,10 @@ def told_of(frames):
     """The contrast of all rays, rows first."""
     places = np.moveaxis(np.indices(np.asarray(frames.hit).shape), 2, 3)
     index = places[0], places[1], places[2]
-    return np.moveaxis(contrast_of(frames, index, given_rad=np.asarray(frames.incidence_rad)), 1, 2)
+    told = contrast_of(frames, index, given_rad=np.asarray(frames.incidence_rad))
+    assert told.scales[: len(SCALES)] == SCALES
+    assert len(told.scales) == told.nats.shape[-1]
+    return np.moveaxis(told.nats, 1, 2)
 
 
 def mean_about(light, counts, row, column, half):
@@ -27,7 +40,7 @@ def mean_about(light, counts, row, column, half):
 def test_cells_and_patches_are_held_against_what_returned_about_them():
     frames, _ = scan(None, 1)
     told = told_of(frames)
-    assert told.shape == (1, ROWS, COLUMNS, len(SCALES))
+    assert told.shape[:3] == (1, ROWS, COLUMNS)
     counts = np.asarray(frames.hit)[0]
     light = np.log(np.maximum(np.asarray(frames.intensity, float)[0], 1e-4))
     patch = PATCH_ROWS, round(PATCH_RAD / (2 * np.pi / COLUMNS))
@@ -61,3 +74,38 @@ def test_surfaces_are_held_against_what_is_usual_of_their_class():
     # Of a class of few rays the mean alone is told.
     few = class_trend(usual[:10], semantic=kind[:10] * 0, incidence_rad=angle[:10], range_m=range_m[:10])
     assert few == pytest.approx(np.full(10, usual[:10].mean()))
+
+
+def within(semantic, light):
+    """The contrast within classes of one row of rays that lie at one angle and range."""
+    frames, _ = scan(None, 1)
+    n = frames.hit.shape[-1]
+    wide = {"semantic": np.resize(semantic, (1, ROWS, n)), "intensity": np.resize(np.exp(light), (1, ROWS, n))}
+    flat = np.full((1, ROWS, n), 0.1, np.float32)
+    frames = replace(frames, **wide, hit=np.ones((1, ROWS, n), bool), range_m=flat + 9.9, incidence_rad=flat)
+    places = np.moveaxis(np.indices((1, ROWS, n)), 2, 3)
+    return within_classes(frames, (places[0], places[1], places[2]), given_rad=flat)
+
+
+def test_each_class_has_a_scale_of_what_is_over_its_usual():
+    semantic, light = np.array([7, 7, 11, 11]), np.array([-1.0, -0.8, -0.3, -0.7])
+    told = within(semantic, light)
+    assert told.scales == ("road", "building", "other_classes")
+    of_rays = np.unique(told.nats.reshape(-1, 3).round(3), axis=0)
+    np.testing.assert_allclose(of_rays, [[-0.1, 0, 0], [0, -0.2, 0], [0, 0.2, 0], [0.1, 0, 0]], atol=2e-3)
+
+
+def test_the_classes_of_fewer_rays_share_a_scale():
+    kinds = np.arange(7, 7 + MOST_CLASSES + 3)
+    # The last three are seen half as often.
+    semantic = np.concatenate([kinds, kinds[:MOST_CLASSES]])
+    told = within(np.tile(semantic, 2), np.repeat([-0.5, -0.7], len(semantic)))
+    assert told.scales == (*(NAMES[kind] for kind in kinds[:MOST_CLASSES]), "other_classes")
+    assert np.abs(told.nats[..., -1]).max() > 0.05
+
+
+def test_where_no_class_is_told_dark_and_bright_surfaces_stand_apart():
+    light = np.array([-2.0, -1.8, -1.0, -0.8])
+    told = within(np.zeros(4, int), light)
+    assert told.scales == OF_NO_CLASS
+    assert np.abs(told.nats).max() > 0.3
