@@ -202,7 +202,7 @@ def _of_the_simulator(comparison: Comparison, division: Division) -> Iterator[st
             )
     if division.simulator.free_contrast:
         yield (
-            "the sensor does not follow the simulator's contrast: slopes differ between cells, patches and surfaces, "
+            "the sensor does not follow the simulator's contrast: slopes differ between cells, patches and classes, "
             "which no law of the sensor explains (`contrast`); they are left free, and effects on intensities count by "
             "what they explain along ranges, angles and rows and between classes"
         )

@@ -144,21 +144,24 @@ def levels(compared: Sequence[Level]) -> Markup:
 SCALE_TITLES = {
     "cells": "a cell, and the eight about it",
     "patches": "these, and the patch about them",
-    "dark_surfaces": "a cell, and what is usual of its class at its angle and range: of dark surfaces",
-    "bright_surfaces": "the same of bright surfaces",
 }
-"""What is held against what on each scale of the simulator's contrast."""
+"""What is held against what on a scale of the simulator's contrast, where that is no class."""
 
 
 def contrast(told: Contrast | None) -> Markup:
     """How far the sensor follows the simulator's contrast, where its slopes differ by scale."""
     if told is None:
         return EMPTY
-    rows = [[SCALE_TITLES[scale], number(one.value), span(one)] for scale, one in told.slopes.items()]
+    usual = "a cell, and what is usual at its angle and range of"
+    rows = [
+        [SCALE_TITLES.get(scale, f"{usual} {scale.replace('_', ' ')}"), number(one.value), span(one)]
+        for scale, one in told.slopes.items()
+    ]
     words = (
         "A law of the sensor bends readings one by one, so that measured differences follow simulated ones by one "
-        "slope on every scale. Here they do not, and that is the simulator's error: what it learned or blurred is too "
-        "weak from cell to cell (above 1), and of the differences between surfaces of a class part is made up (below "
+        "slope on every scale and in every class. Here they do not, and that is the simulator's error: what it learned "
+        "or blurred is too weak from cell to cell (above 1), and of the differences between surfaces of a class, at "
+        "the same angle and range, part is made up, or materials are other ones (below "
         f"1). Scenes that were not fitted gained {number(told.gain.value)} nats each by it. All that is named was "
         "asked with these slopes free: it counts by what it explains along ranges, angles and rows and between "
         "classes, and no curve along intensities or colours was asked."

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.covariates import HUE_ANGLE
+from jaxsim.discover.model.contrast import SCALES
 from jaxsim.discover.verdict import Interval, Named, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.report.page import Real, number, percent
@@ -175,11 +176,12 @@ def _together(verdict: Verdict) -> str:
     if verdict.control and verdict.control.names:
         words += f" Aside stands what the simulator lacks by itself (the control): {listed(verdict.control.names)}."
     if verdict.contrast:
-        slopes = {scale: number(one.value) for scale, one in verdict.contrast.slopes.items()}
+        slopes = verdict.contrast.slopes
+        weakest = min(set(slopes) - set(SCALES), key=lambda scale: slopes[scale].high)
         words += (
-            f" The sensor follows the simulator's differences of ln I by {slopes['cells']} from cell to cell and by "
-            f"{slopes['bright_surfaces']} between bright surfaces of a class: the simulator's error, beside which all "
-            "was asked."
+            f" The sensor follows the simulator's differences of ln I by {number(slopes['cells'].value)} from cell to "
+            f"cell and, least of all, by {number(slopes[weakest].value)} within {weakest.replace('_', ' ')}: the "
+            "simulator's error, beside which all was asked."
         )
     if told and told.other_moments:
         words += " The measured frames are of other moments than the simulated ones."

@@ -135,8 +135,8 @@ def none() -> Result:
 
 def contrast() -> Contrast:
     """A simulator that blurs, and makes up most of what differs within a class."""
-    slopes = {"cells": (1.38, 1.3, 1.46), "patches": (1.0, 0.9, 1.1), "dark_surfaces": (0.1, 0.05, 0.14)}
-    slopes["bright_surfaces"] = (0.2, 0.15, 0.25)
+    slopes = {"cells": (1.38, 1.3, 1.46), "patches": (1.0, 0.9, 1.1), "road": (0.1, 0.05, 0.14)}
+    slopes |= {"building": (0.2, 0.15, 0.25), "other_classes": (0.6, 0.3, 0.9)}
     told = {scale: Interval(*ends, unit="") for scale, ends in slopes.items()}
     return Contrast(told, Interval(40.0, 30.0, 50.0, "nats per scene"), 0.01)
 

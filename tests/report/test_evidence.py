@@ -112,6 +112,6 @@ def test_slopes_of_the_simulators_contrast_stand_with_their_intervals(tmp_path: 
     off = replace(result, verdict=replace(result.verdict, contrast=results.contrast()))
     told = page(tmp_path / "off", off)
     assert "The simulator&#39;s contrast" in told
-    assert "what is usual of its class" in told
+    assert "what is usual at its angle and range of building" in told
     assert "0.150 to 0.250" in told
     assert "gained 40.0 nats each" in told

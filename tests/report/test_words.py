@@ -75,7 +75,7 @@ def test_what_repeats_is_in_the_sentence():
 def test_what_the_simulator_gets_wrong_is_told_apart_from_what_it_lacks():
     told = verdict_sentence(replace(results.none().verdict, contrast=results.contrast()))
     assert told.startswith("No missing effect was found")
-    assert "by 1.38 from cell to cell and by 0.200 between bright surfaces of a class: the simulator's error" in told
+    assert "by 1.38 from cell to cell and, least of all, by 0.100 within road: the simulator's error" in told
     assert "simulator's error" not in verdict_sentence(results.none().verdict)
 
 

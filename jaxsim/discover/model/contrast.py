@@ -27,7 +27,7 @@ SCALES = ("cells", "patches")
 of its name: a cell over what the simulator says of its class at this angle and range."""
 OF_NO_CLASS = ("dark_surfaces", "bright_surfaces")
 """Scales of frames that tell no classes: more of dark surfaces may be made up."""
-OTHERS = "other_classes"
+FEWER_RAYS = "other_classes"
 """The scale of the classes that fewer rays show."""
 MOST_CLASSES = 8
 """Classes that have a scale of their own, at most: those that most rays show."""
@@ -83,7 +83,7 @@ def _of_classes(
     most = np.argsort(-counts, kind="stable")[:MOST_CLASSES]
     own = np.sort(kinds[most][counts[most] >= RULES.fewest_of_class])
     shares = semantic[:, None] == own
-    return (*(NAMES[int(kind)] for kind in own), OTHERS), np.column_stack([shares, ~shares.any(-1)]).astype(float)
+    return (*(NAMES[int(kind)] for kind in own), FEWER_RAYS), np.column_stack([shares, ~shares.any(-1)]).astype(float)
 
 
 def _reads(scan: Scan) -> Bool[np.ndarray, "f r n"]:

@@ -145,8 +145,8 @@ class Evidence:
 
 def without_detail(ev: Evidence) -> Evidence:
     """The evidence that takes a simulator's detail for what it says, whose slopes are left to no nuisance."""
-    details = np.arange(ev.features.shape[-1]) >= ev.features.shape[-1] - (ev.after_kinds - AFTER_KINDS)
-    return replace(ev, features=jnp.where(details, 0, ev.features))
+    others = ev.features.shape[-1] - (ev.after_kinds - AFTER_KINDS)
+    return replace(ev, features=ev.features.at[..., others:].set(0))
 
 
 def near_enough(measured_m: Float[Array, "*n"], predicted_m: Float[Array, "*n"]) -> Bool[Array, "*n"]:

@@ -104,8 +104,9 @@ class Contrast:
     no effect of the sensor (`model.contrast`)."""
 
     slopes: dict[str, Interval]
-    """Measured over simulated differences of ln I on each of `model.contrast.SCALES`, with all that was named in place:
-    1 where the sensor follows them as they are, 0 where it does not, more than 1 where the simulator blurs."""
+    """Measured over simulated differences of ln I on each of `model.contrast.SCALES` and within each class, with all
+    that was named in place: 1 where the sensor follows them as they are, 0 where it does not, more than 1 where the
+    simulator blurs."""
     gain: Interval
     """What find scenes gained by it, held out, beside what was named without it."""
     p_value: float
