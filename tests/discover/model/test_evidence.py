@@ -60,6 +60,20 @@ def test_surfaces_at_the_end_of_the_sensors_scale_are_not_compared(frames):
     np.testing.assert_array_equal(cut[~wall], before[~wall])
 
 
+def test_intensities_of_classes_whose_surfaces_are_others_are_not_compared_but_where_they_are_most(frames):
+    scan, measured = device(*frames)
+    semantic = np.asarray(scan.semantic)[FRAMES[:, None, None], np.arange(16)[None, None], COLUMNS[:, :, None]]
+    of = {
+        apart: np.asarray(gather(scan, measured, frame=FRAMES, column=COLUMNS, scene=FRAMES, apart=apart).compared)
+        for apart in ((), (11,), tuple(range(34)))
+    }
+    wall = semantic == 11
+    assert of[()][wall].any()
+    assert not of[(11,)][wall].any()
+    np.testing.assert_array_equal(of[(11,)][~wall], of[()][~wall])
+    np.testing.assert_array_equal(of[tuple(range(34))], of[()])
+
+
 def test_angles_with_noise_stand_for_what_is_common():
     """Against angles that are known: of those that seem to be 60 degrees, the true ones are, in the mean, elsewhere."""
     rng = np.random.default_rng(0)
