@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
-from jaxsim.discover.closer import finds_more, fulfilled, told_whole, undecided
+from jaxsim.discover.closer import believed, fulfilled, told_whole, undecided
 from jaxsim.discover.contrast import contrast_off
 from jaxsim.discover.law.learn import leaves_nothing
 from jaxsim.discover.levels import range_noise_grows
@@ -74,10 +74,10 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     if nearer is not placed:
         columns = nearer.division.blocks.column.shape[1]
         log(f"undecided: {', '.join(hopeful)}; asked once more, of {columns} columns a frame")
-        if fulfilled([one for one in catalogue if one.name in hopeful], answer, nearer.found.null.problem):
-            names = {*hopeful, *(step.chosen.effect.name for step in answer.choice.steps)}
-            again, beside_these = asked(nearer, catalogue=[one for one in catalogue if one.name in names])
-            if finds_more(again, answer):
+        hoped = [one for one in catalogue if one.name in hopeful]
+        if fulfilled(hoped, nearer.found.null.problem, bar=answer.choice.bars.effect):
+            again, beside_these = asked(nearer, catalogue=hoped)
+            if believed(again):
                 placed, answer = nearer, told_whole(again, answer)
                 others = beside_these
     return Asked(placed, tuple(catalogue), answer, others, contrast, note, without)

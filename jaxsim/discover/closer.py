@@ -1,12 +1,13 @@
-"""A closer look, at more columns of the same frames, where the first look leaves effects undecided.
+"""A closer look, at more columns of the same frames, where the first look names nothing and leaves effects undecided.
 
 Fits look at a few columns of each frame (`cast.RAYS`), which is enough for what is clear. What gains a few nats there
 may be chance, or a small effect: other columns see other surfaces, each with a reflectance of its own, so that three
-times the columns tell nearly three times as much. So candidates that are left with some hope are asked once more, and
-those that were chosen beside them; the rest of the catalogue is not, for it gained next to nothing.
+times the columns tell nearly three times as much. So candidates that are left with some hope are asked once more; the
+rest of the catalogue is not, for it gained next to nothing.
 
-With more rays, small errors of the model count for more as well. So an effect that the closer look alone names is
-believed where nothing else is left over of its channels there.
+With more rays, small errors of the model count for more as well. So an effect that the closer look names is believed
+where nothing else is left over of its channels there. And beside what the first look names none is looked for: no law
+is the catalogue's to the last nat, and what it leaves would have a name of its own.
 """
 
 from __future__ import annotations
@@ -18,15 +19,16 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.other_sides import goes_by_steps
-from jaxsim.discover.name.select import with_steps
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import Effect
 
 
 def undecided(answer: Answer) -> tuple[str, ...]:
-    """Names of the candidates beside what was chosen that a closer look shall ask, best first; none where none has
-    hope. Those that were refused stay so; and beams that point elsewhere by a hundredth of a degree do at depth steps
+    """Names of the candidates that a closer look shall ask, best first; none where none has hope, or where any was
+    chosen. Those that were refused stay so; and beams that point elsewhere by a hundredth of a degree do at depth steps
     what looks like an effect of these, the more clearly the more rays there are."""
+    if answer.choice.steps:
+        return ()
     refused = answer.choice.refused
     left = [c for c in answer.choice.last if c.effect.name not in refused and not goes_by_steps(c.effect)]
     left = [c for c in left if hope(c) > 0]
@@ -41,21 +43,16 @@ def hope(candidate: Candidate) -> float:
     return min(candidate.total, candidate.rough_nats)
 
 
-def fulfilled(effects: Sequence[Effect], first: Answer, null: Problem) -> bool:
-    """Whether any of the effects is accepted on the closer look's null, beside what the first look chose: all else that
-    naming asks takes far longer."""
-    steps, bar = first.choice.steps, first.choice.bars.effect
-    beside = with_steps(null, steps) if steps else null
-    ranking = rank_effects(beside, effects, bar=bar)
-    return any(candidate.accepted(bar) for candidate in ranking)
+def fulfilled(effects: Sequence[Effect], null: Problem, *, bar: float) -> bool:
+    """Whether any of the effects is accepted on the closer look's null: all else that naming asks takes far longer."""
+    return any(candidate.accepted(bar) for candidate in rank_effects(null, effects, bar=bar))
 
 
-def finds_more(closer: Answer, first: Answer) -> bool:
-    """Whether a closer look names effects that the first did not, and leaves nothing over of their channels."""
-    before = {step.chosen.effect.name for step in first.choice.steps}
-    new = [step.chosen.effect for step in closer.choice.steps if step.chosen.effect.name not in before]
+def believed(closer: Answer) -> bool:
+    """Whether a closer look names effects, and leaves nothing over of their channels."""
+    named = [step.chosen.effect for step in closer.choice.steps]
     left_over = closer.curve[0].channel if closer.curve else None
-    return bool(new) and all(left_over not in effect.channels for effect in new)
+    return bool(named) and all(left_over not in effect.channels for effect in named)
 
 
 def told_whole(closer: Answer, first: Answer) -> Answer:
