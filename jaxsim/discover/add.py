@@ -178,6 +178,17 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
     return parameters
 
 
+def may_never_act(step: FittedStep, problem: Problem) -> bool:
+    """Whether the 90 % interval of an effect's probability, fitted to a problem, holds none. Of effects without a
+    single probability the gain alone tells whether they are there."""
+    effect = step.chosen.effect
+    probability = effect.parameters.get("probability")
+    if probability is None or probability.shape != "scalar":
+        return False
+    told = intervals(effect, problem, step.fit)["probability"]
+    return isinstance(told, Interval) and told.low <= probability.neutral
+
+
 def interval_of(value: _Numbers, low: _Numbers, high: _Numbers, *, unit: str) -> Interval | tuple[Interval, ...]:
     """A parameter with its ends: one interval, or one a beam or class."""
     if value.ndim == 0:

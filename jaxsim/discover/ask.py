@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
+from jaxsim.discover.add import may_never_act
 from jaxsim.discover.closer import believed, fulfilled, told_whole, undecided
 from jaxsim.discover.contrast import contrast_off
 from jaxsim.discover.law.learn import leaves_nothing
@@ -119,6 +120,7 @@ def answer_of(
             others,
             exchanged=None if two_readings else exchanged,
             noise_grows=cache(partial(range_noise_grows, comparison)),
+            may_never_act=may_never_act,
             apart=placed.division.apart,
         ),
         leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),

@@ -226,6 +226,12 @@ def _not_said(answer: Answer) -> Iterator[str]:
             "echoes weaken: what grows is what the simulator does not know of grazing surfaces and of the "
             "sensor's pose",
         )
+    if answer.rare:
+        yield _found(
+            answer.rare,
+            "The 90 % interval of how often it acts holds never: what a few rays of some scenes show beside edges and "
+            "bright things is not enough to say that the sensor does it",
+        )
     for name, why in answer.denied:
         yield _found(
             [name],

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.add import effect_on_rays, intervals
+from jaxsim.discover.add import effect_on_rays, intervals, may_never_act
 from jaxsim.discover.levels import made_by
 from jaxsim.discover.model.evidence import Measured, gather
 from jaxsim.discover.model.fit import fit, on_top
@@ -15,6 +15,7 @@ from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
+from tests.discover.name.made import candidate, step
 from tests.discover.toy import device, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
@@ -102,6 +103,20 @@ def test_what_an_effect_does_is_told_whatever_nuisances_take_up():
     assert does("random_dropout", {"probability": 0.2})["drop"].value == pytest.approx(0.2, abs=1e-4)
     assert does("range_offset", {"offset_m": 0.03})["range"].high == pytest.approx(0.03, abs=1e-4)
     assert does("range_noise", {"sd_m": 0.02}) == {}
+
+
+@pytest.mark.parametrize(("frames", "never"), [(range(len(FRAMES)), False), ((3,), True)])
+def test_what_one_scene_alone_shows_may_never_act(frames, never):
+    scan, measured = toy(frames=len(FRAMES), seed=4)
+    valid = np.array(measured.valid)
+    lost = np.random.default_rng(1).random(valid.shape) < 0.1
+    of = np.isin(FRAMES, frames)
+    valid[of] &= ~lost[of]
+    problem, found = fitted("random_dropout", scan, replace(measured, valid=valid))
+    chosen = replace(step(candidate("random_dropout", 9, "drop")), fit=found)
+    assert may_never_act(chosen, problem) == never
+    # It has no probability, however large its interval.
+    assert not may_never_act(replace(chosen, chosen=candidate("beam_gain", 9)), problem)
 
 
 def test_a_step_that_was_read_off_is_known_to_what_the_readings_tell():

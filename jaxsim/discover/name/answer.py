@@ -13,7 +13,16 @@ from jaxsim.discover.find import dependences_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE, NO_DOUBTS, SHOWN_BY, SHOWN_ELSEWHERE, UNFOUNDED, Doubts
+from jaxsim.discover.name.doubts import (
+    DENIED,
+    NEGLIGIBLE,
+    NO_DOUBTS,
+    RARELY_IF_EVER,
+    SHOWN_BY,
+    SHOWN_ELSEWHERE,
+    UNFOUNDED,
+    Doubts,
+)
 from jaxsim.discover.name.null_draws import draw_nulls
 from jaxsim.discover.name.other_sides import CONTROL, OtherSides
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, add_steps, choose, step_along, with_steps
@@ -63,6 +72,11 @@ class Answer:
     def negligible(self) -> tuple[str, ...]:
         """The effects that were found, and are not said because they are too small to matter."""
         return tuple(name for name, why in self.choice.refused.items() if why == NEGLIGIBLE)
+
+    @property
+    def rare(self) -> tuple[str, ...]:
+        """Effects that were found and may never act."""
+        return tuple(name for name, why in self.choice.refused.items() if why == RARELY_IF_EVER)
 
     @property
     def denied(self) -> tuple[tuple[str, str], ...]:

@@ -26,6 +26,7 @@ SHOWN_ELSEWHERE = {
 """What it means that something was found which is not said, by why."""
 NEGLIGIBLE = f"less than {RULES.negligible:.0%} of what is clearly visible"
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
+RARELY_IF_EVER = "the interval of how often it acts holds never"
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class Doubts:
     """The sides exchanged of a simulator without noise, which are asked of what goes by depth steps alone."""
     noise_grows: Callable[[], bool] = lambda: True
     """Whether the noise of neighbouring readings, which knows nothing of poses and surfaces, grows as echoes weaken."""
+    may_never_act: Callable[[FittedStep, Problem], bool] = lambda step, beside: False
+    """Whether an effect that was fitted to a problem may never act, by the interval of its probability."""
     apart: Sequence[int] = ()
     """Classes whose surfaces are partly others on the two sides."""
 
@@ -61,6 +64,8 @@ class Doubts:
             yield f"{DENIED} {alone}"
         if alone := shown_by(step, beside, self.apart):
             yield f"{SHOWN_BY} {alone}"
+        if self.may_never_act(step, beside):
+            yield RARELY_IF_EVER
 
 
 NO_DOUBTS = Doubts()

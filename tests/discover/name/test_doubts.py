@@ -8,7 +8,7 @@ import pytest
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.name import doubts
 from jaxsim.discover.name.answer import name_effects
-from jaxsim.discover.name.doubts import DENIED, SCARCE, SHOWN_BY, UNFOUNDED, Doubts
+from jaxsim.discover.name.doubts import DENIED, RARELY_IF_EVER, SCARCE, SHOWN_BY, UNFOUNDED, Doubts
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.effects import EFFECTS
 from tests.discover import noisy_street
@@ -44,6 +44,14 @@ def test_the_first_reason_decides_and_later_ones_are_not_asked():
 def test_noise_that_grows_is_said_where_neighbouring_readings_say_so(grows, why):
     noise = step(candidate("range_noise", 9, "range"))
     assert Doubts(noise_grows=lambda: grows).against(noise, problem(), null=problem()) == why
+
+
+@pytest.mark.usefixtures("no_class")
+@pytest.mark.parametrize(("never", "why"), [(True, RARELY_IF_EVER), (False, "")])
+def test_what_may_never_act_is_not_said(never, why):
+    glare = step(candidate("blooming", 9, "range"))
+    held = Doubts(may_never_act=lambda step, beside: never)
+    assert held.against(glare, problem(), null=problem()) == why
 
 
 def test_classes_are_told_by_name(monkeypatch):
