@@ -14,7 +14,7 @@ from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.doubts import SHOWN_ELSEWHERE
+from jaxsim.discover.name.doubts import NEGLIGIBLE, RARELY_IF_EVER, SHOWN_ELSEWHERE, UNFOUNDED
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
@@ -24,6 +24,16 @@ from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
 from jaxsim.progress import counted
+
+REFUSED = {
+    NEGLIGIBLE: f"Each is less than {RULES.negligible:.0%} of what is clearly visible of it: so many rays show what is "
+    "too small to matter, and as much comes of rounding, smoothing or a surface's model",
+    UNFOUNDED: "Weak echoes lie farther from the prediction, but the noise of neighbouring readings does not grow as "
+    "echoes weaken: what grows is what the simulator does not know of grazing surfaces and of the sensor's pose",
+    RARELY_IF_EVER: "The 90 % interval of how often it acts holds never: what a few rays of some scenes show beside "
+    "edges and bright things is not enough to say that the sensor does it",
+}
+"""What it means that something was found which is not said because it is too little, by why."""
 
 
 def named(
@@ -213,25 +223,9 @@ def _not_said(answer: Answer) -> Iterator[str]:
     for why, meaning in SHOWN_ELSEWHERE.items():
         if names := [name for name, reason in answer.elsewhere if reason == why]:
             yield _found(names, f"{_capital(why)}: so it is {meaning}")
-    if answer.negligible:
-        yield _found(
-            answer.negligible,
-            f"Each is less than {RULES.negligible:.0%} of what is clearly visible of it: so many rays show what is too "
-            "small to matter, and as much comes of rounding, smoothing or a surface's model",
-        )
-    if answer.unfounded:
-        yield _found(
-            answer.unfounded,
-            "Weak echoes lie farther from the prediction, but the noise of neighbouring readings does not grow as "
-            "echoes weaken: what grows is what the simulator does not know of grazing surfaces and of the "
-            "sensor's pose",
-        )
-    if answer.rare:
-        yield _found(
-            answer.rare,
-            "The 90 % interval of how often it acts holds never: what a few rays of some scenes show beside edges and "
-            "bright things is not enough to say that the sensor does it",
-        )
+    for why, meaning in REFUSED.items():
+        if names := answer.refused_for(why):
+            yield _found(names, meaning)
     for name, why in answer.denied:
         yield _found(
             [name],

@@ -13,16 +13,7 @@ from jaxsim.discover.find import dependences_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.doubts import (
-    DENIED,
-    NEGLIGIBLE,
-    NO_DOUBTS,
-    RARELY_IF_EVER,
-    SHOWN_BY,
-    SHOWN_ELSEWHERE,
-    UNFOUNDED,
-    Doubts,
-)
+from jaxsim.discover.name.doubts import DENIED, NO_DOUBTS, SHOWN_BY, SHOWN_ELSEWHERE, Doubts
 from jaxsim.discover.name.null_draws import draw_nulls
 from jaxsim.discover.name.other_sides import CONTROL, OtherSides
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, add_steps, choose, step_along, with_steps
@@ -63,20 +54,9 @@ class Answer:
     unconfirmed: tuple[str, ...] = ()
     """Free curves that scenes to which they were not fitted do not gain by, in words."""
 
-    @property
-    def unfounded(self) -> tuple[str, ...]:
-        """The effects that were found, and are not said because neighbouring readings do not bear them out."""
-        return tuple(name for name, why in self.choice.refused.items() if why == UNFOUNDED)
-
-    @property
-    def negligible(self) -> tuple[str, ...]:
-        """The effects that were found, and are not said because they are too small to matter."""
-        return tuple(name for name, why in self.choice.refused.items() if why == NEGLIGIBLE)
-
-    @property
-    def rare(self) -> tuple[str, ...]:
-        """Effects that were found and may never act."""
-        return tuple(name for name, why in self.choice.refused.items() if why == RARELY_IF_EVER)
+    def refused_for(self, reason: str) -> tuple[str, ...]:
+        """The effects that were found, and are not said for this one of `doubts`."""
+        return tuple(name for name, why in self.choice.refused.items() if why == reason)
 
     @property
     def denied(self) -> tuple[tuple[str, str], ...]:

@@ -8,7 +8,7 @@ import pytest
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.name import doubts
 from jaxsim.discover.name.answer import name_effects
-from jaxsim.discover.name.doubts import DENIED, RARELY_IF_EVER, SCARCE, SHOWN_BY, UNFOUNDED, Doubts
+from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE, RARELY_IF_EVER, SCARCE, SHOWN_BY, UNFOUNDED, Doubts
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.effects import EFFECTS
 from tests.discover import noisy_street
@@ -90,4 +90,4 @@ def test_what_is_too_small_to_matter_is_not_said(scale, said):
     null = NullModel.of(Division.of(replace(of, measured=off)))
     told = name_effects(null.problem, [EFFECTS["range_scale"]], ())
     assert [step.chosen.effect.name for step in told.choice.steps] == ["range_scale"] * said
-    assert told.negligible == (() if said else ("range_scale",))
+    assert told.refused_for(NEGLIGIBLE) == (() if said else ("range_scale",))

@@ -88,7 +88,7 @@ def test_an_answer_with_a_regime_keeps_what_was_found_and_not_said_and_asks_no_c
     given = Answer("named", choice, None, elsewhere=elsewhere)
     divided, asked = divide(monkeypatch, lead_of("time", step=0, named=True), given, without=("intensity",))
     assert len(divided.regimes) == 1
-    assert (divided.answer.elsewhere, divided.answer.unfounded) == (elsewhere, ("range_noise",))
+    assert (divided.answer.elsewhere, divided.answer.refused_for(UNFOUNDED)) == (elsewhere, ("range_noise",))
     assert asked["without"] == ("intensity",)
 
 
