@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.discover.model.cast import FIRM, STREET_SD, STRIP_SD
-from jaxsim.discover.model.evidence import AFTER_KINDS, POSE_SD
+from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.noise import START
 from jaxsim.discover.model.random_effects import normal_equations, pose_shift, reflectance
 
@@ -29,7 +29,7 @@ def test_reflectance_is_generalised_least_squares_with_random_surfaces_and_stree
     block = np.broadcast_to(np.arange(6)[:, None, None], on.shape)[on]
     x, y = np.asarray(ev.features, np.float64)[on], np.asarray(residual, np.float64)[on]
     precision = np.asarray(w.intensity, np.float64)[on]
-    kinds = x.shape[1] - 1 - AFTER_KINDS
+    kinds = x.shape[1] - 1 - ev.after_kinds
     # One column a strip, one a surface, and one a class and frame; their priors.
     streets = [x[:, 1 : 1 + kinds] * (block == b)[:, None] for b in range(6)]
     z = np.concatenate([np.eye(97)[strip[on]][:, 1:], np.eye(49)[of[strip[on]]][:, 1:], *streets], axis=1)
