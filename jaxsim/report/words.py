@@ -177,7 +177,7 @@ def _together(verdict: Verdict) -> str:
         words += f" Aside stands what the simulator lacks by itself (the control): {listed(verdict.control.names)}."
     if verdict.contrast:
         slopes = verdict.contrast.slopes
-        weakest = min(set(slopes) - set(SCALES), key=lambda scale: slopes[scale].high)
+        weakest = min((one for one in slopes if one not in SCALES), key=lambda one: slopes[one].high)
         words += (
             f" The sensor follows the simulator's differences of ln I by {number(slopes['cells'].value)} from cell to "
             f"cell and, least of all, by {number(slopes[weakest].value)} within {weakest.replace('_', ' ')}: the "
