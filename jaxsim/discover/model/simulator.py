@@ -31,8 +31,8 @@ NORMAL = 0.86
 sum: 0.89 where the noise is weak, 0.83 where it is all."""
 SLOPE_SD = 0.15
 """Of how much more, or less, than what an ideal simulator says of surfaces within a class the measured intensity
-follows it. Its tables have materials, and each thing, some 10 % off, beside differences not much larger: that flattens
-the slope by as much, and is no law of the sensor ..."""
+follows it (a judgement, not calibrated). Its tables have materials, and each thing, a little too dark or too bright,
+beside differences not much larger: that flattens the slope, and is no law of the sensor ..."""
 DETAIL_SD = 1.0
 """... and how much more, or less, than the detail of one with noise, or of free contrast."""
 

@@ -76,15 +76,16 @@ def test_surfaces_are_held_against_what_is_usual_of_their_class():
     assert few == pytest.approx(np.full(10, usual[:10].mean()))
 
 
-def within(semantic, light):
-    """The contrast within classes of one row of rays that lie at one angle and range."""
+def within(semantic, light, angle=0.1):
+    """The contrast within classes of rays, row by row the same, that lie at one range and, unless told, one angle."""
     frames, _ = scan(None, 1)
     n = frames.hit.shape[-1]
     wide = {"semantic": np.resize(semantic, (1, ROWS, n)), "intensity": np.resize(np.exp(light), (1, ROWS, n))}
-    flat = np.full((1, ROWS, n), 0.1, np.float32)
-    frames = replace(frames, **wide, hit=np.ones((1, ROWS, n), bool), range_m=flat + 9.9, incidence_rad=flat)
+    far = np.full((1, ROWS, n), 10.0, np.float32)
+    angles = np.resize(np.asarray(angle, np.float32), far.shape)
+    frames = replace(frames, **wide, hit=np.ones((1, ROWS, n), bool), range_m=far, incidence_rad=angles)
     places = np.moveaxis(np.indices((1, ROWS, n)), 2, 3)
-    return within_classes(frames, (places[0], places[1], places[2]), given_rad=flat)
+    return within_classes(frames, (places[0], places[1], places[2]), given_rad=angles)
 
 
 def test_each_class_has_a_scale_of_what_is_over_its_usual():
@@ -105,7 +106,8 @@ def test_the_classes_of_fewer_rays_share_a_scale():
 
 
 def test_where_no_class_is_told_dark_and_bright_surfaces_stand_apart():
-    light = np.array([-2.0, -1.8, -1.0, -0.8])
-    told = within(np.zeros(4, int), light)
+    # Seen aslant they are dark, and each kind differs by its own from what is usual there.
+    told = within(np.zeros(4, int), np.array([-2.1, -1.9, -1.3, -0.7]), angle=[1.2, 1.2, 0.1, 0.1])
     assert told.scales == OF_NO_CLASS
-    assert np.abs(told.nats).max() > 0.3
+    of_rays = np.unique(told.nats.reshape(-1, 2).round(3), axis=0)
+    np.testing.assert_allclose(of_rays, [[-0.1, 0], [0, -0.3], [0, 0.3], [0.1, 0]], atol=2e-3)
