@@ -46,10 +46,10 @@ Random effects in closed form (`random_effects`; Laird & Ware 1982)
 
     level_i = x_i (beta + street_b) + surface_s(i) + strip_t(i)
     x_i     = 1 (gain), kinds of surfaces, sec^2(incidence) / 2, -tan(incidence) d ln density / d incidence (density
-              among the rays of a row), three disagreements of normals (`Evidence.features`); of a noisy simulator its
-              detail on bright and on dark surfaces, and levels over their trend (`simulator`); of another its
+              among the rays of a row), three disagreements of normals (`Evidence.features`); the simulator's
               differences within classes, and where the sensor does not follow its contrast, beside cells and patches
-              (`contrast`)
+              (`contrast`); of a noisy one its detail on bright and on dark surfaces, and levels over their trend
+              (`simulator`)
     shift_i = what the block's pose moves range i by: 1 / range is linear in the pose on planes
     beta is shared by the fitted blocks; street, surface, strip, pose are each block's own and pay their priors:
     cost(u) = street^2 / 2 sd^2 + surface^2 / 2 sd^2 + strip^2 / 2 sd^2;   cost(pose) = |pose / sd|^2 / 2

@@ -130,16 +130,26 @@ def class_trend(
     semantic: Int[np.ndarray, " n"],
     incidence_rad: Float[np.ndarray, " n"],
     range_m: Float[np.ndarray, " n"],
+    told: Bool[np.ndarray, " n"] | None = None,
 ) -> Float[np.ndarray, " n"]:
-    """What a simulator says of ln I, `level`, by class, angle and range."""
-    # Powers of the cosine and of the range are lines in logarithms; squares let them bend.
+    """What a simulator says of ln I, `level`, by class, angle and range; by the rays that are `told`, by default all.
+    At angles and ranges that these do not reach, what it says of the nearest that they do; 0 of a class without any."""
+    told = np.ones(len(level), bool) if told is None else told
     slant = np.log(np.maximum(np.cos(incidence_rad), STEEPEST_COSINE))
     far = np.log(np.maximum(range_m, 0.1))
-    design = np.stack([np.ones_like(slant), slant, slant**2, far, far**2], axis=-1)
-    result = np.empty(len(level))
-    for kind in np.unique(semantic):
+    result = np.zeros(len(level))
+    for kind in np.unique(semantic[told]):
         of = semantic == kind
+        tells = told[of]
         # A class of few rays says nothing of angles.
-        columns = design[of] if of.sum() >= RULES.fewest_of_class else design[of][:, :1]
-        result[of] = columns @ np.linalg.lstsq(columns, level[of], rcond=None)[0]
+        over = (slant, far) if tells.sum() >= RULES.fewest_of_class else ()
+        columns = np.stack([np.ones(len(tells)), *(term for x in over for term in _bent(x[of], tells))], axis=-1)
+        result[of] = columns @ np.linalg.lstsq(columns[tells], level[of][tells], rcond=None)[0]
     return result
+
+
+def _bent(x: Float[np.ndarray, " n"], told: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "2 n"]:
+    """The terms of a trend that may bend, held beyond what is told."""
+    held = np.clip(x, x[told].min(), x[told].max())
+    # Powers of the cosine and of the range are lines in logarithms; squares let them bend.
+    return np.stack([held, held**2])

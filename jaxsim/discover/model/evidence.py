@@ -202,7 +202,7 @@ def gather(
     ev = Evidence(
         **fields,
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
-        ridge=_ridge(len(kinds.names), details=details, detail_sd=per_ray.detail_sd),
+        ridge=_ridge(len(kinds.names), detail_sd=per_ray.detail_sd),
         strip=surfaces.strip,
         surface=surfaces.surface,
         precision=surfaces.precision,
@@ -348,8 +348,8 @@ def _features(
     return jnp.stack([jnp.ones_like(given), *jnp.moveaxis(kinds, -1, 0), curvature, shift, *disagreements], axis=-1)
 
 
-def _ridge(kinds: int, *, details: int, detail_sd: float) -> Float[np.ndarray, " p"]:
-    """`Evidence.ridge` for so many kinds of surfaces and features of a simulator's detail, of this deviation."""
+def _ridge(kinds: int, *, detail_sd: Sequence[float]) -> Float[np.ndarray, " p"]:
+    """`Evidence.ridge` for so many kinds of surfaces and a simulator's detail, each of these deviations."""
     others = [1 / CURVATURE_SD**2, 1 / SHIFT_SD**2, *[1 / NORMALS_SD**2] * 3]
-    of_detail = [1 / detail_sd**2] * details
+    of_detail = [1 / sd**2 for sd in detail_sd]
     return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others, *of_detail], np.float32)

@@ -10,6 +10,7 @@ follows the rest is left to a nuisance (`Evidence.features`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +36,8 @@ follows it (a judgement, not calibrated). Its tables have materials, and each th
 beside differences not much larger: that flattens the slope, and is no law of the sensor ..."""
 DETAIL_SD = 1.0
 """... and how much more, or less, than the detail of one with noise, or of free contrast."""
+TREND_RAYS = 200_000
+"""Rays of all frames by which the trend of classes is told, at most: their noise is then gone."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +158,8 @@ class AtRays:
     """What is known of the simulator's own noise, at the chosen rays."""
 
     detail: Float[Array, "b c r k"]
-    """ln I over the surface beside a ray, and of that surface over the trend of all its rays; without noise what
-    `within_classes` says, or `contrast_of` where that is left free."""
+    """What `within_classes` says, and of a noisy simulator ln I over the surface beside a ray, and of that surface over
+    the trend of all its rays; or what `contrast_of` says, where contrast is left free."""
     excess: Float[Array, "#b #c #r"]
     """What noise adds to ln I, by the best guess."""
     over_trend: Float[Array, "#b #c #r"]
@@ -170,8 +173,8 @@ class AtRays:
     """Noise on the sensor's intensities that is the same for all ..."""
     own_constant: Float[Array, ""]
     """... and on the simulator's."""
-    detail_sd: float = struct.field(pytree_node=False, default=DETAIL_SD)
-    """Of the measured detail over `detail`, about 1."""
+    detail_sd: tuple[float, ...] = struct.field(pytree_node=False, default=())
+    """Of the measured detail over `detail`, about 1, of each."""
     scales: tuple[str, ...] = struct.field(pytree_node=False, default=())
     """Names of `detail` (`contrast.Contrasts`), where that is left free."""
 
@@ -195,12 +198,13 @@ def at_rays(
         constant=np.float32(simulator.measured_noise.intensity),
         own_constant=np.float32(noise.intensity),
     )
-    if simulator.intensities is None:
-        if not simulator.free_contrast:
-            within = within_classes(scan, index, given_rad=given_rad)
-            return replace(simulated, detail=within.nats, detail_sd=SLOPE_SD)
+    if simulator.intensities is None and simulator.free_contrast:
         contrast = contrast_of(scan, index, given_rad=given_rad)
-        return replace(simulated, detail=contrast.nats, scales=contrast.scales)
+        return _with_detail(simulated, contrast.nats, sd=DETAIL_SD, scales=contrast.scales)
+    within = within_classes(scan, index, given_rad=given_rad)
+    simulated = _with_detail(simulated, within.nats, sd=SLOPE_SD)
+    if simulator.intensities is None:
+        return simulated
     intensities = simulator.intensities
     trusted = np.asarray(intensities.trusted)[index]
     level = np.asarray(intensities.level)[index].astype(float)
@@ -224,16 +228,48 @@ def at_rays(
     dark = noise.constant_part(np.exp(expected))
     own_detail = np.asarray(intensities.detail)[index]
     detail = np.stack([own_detail * (1 - dark), own_detail * dark, over_trend], axis=-1)
+    off = _off_trend(scan, index, given_rad=given_rad, intensities=intensities, noise=noise)
     return replace(
-        simulated,
-        detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
-        excess=((1 - trust) * over_trend).astype(np.float32),
+        _with_detail(simulated, np.where(trusted[..., None], detail, 0).astype(np.float32), sd=DETAIL_SD),
+        excess=((1 - trust) * over_trend - off).astype(np.float32),
         over_trend=still_over.astype(np.float32),
         # What is not trusted is compared nowhere, and its variance may be without bound.
         variance=np.asarray(intensities.detail_variance)[index]
         + np.multiply(variance, trust, where=trusted, out=np.zeros(variance.shape, np.float32), casting="same_kind"),
         trusted=trusted,
     )
+
+
+def _off_trend(
+    scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"], intensities: MeantIntensities, noise: Levels
+) -> Float[np.ndarray, "b c r"]:
+    """Nats by which rays that were smoothed lie below what the simulator says of their class at their angle and range.
+
+    Noise leaves the mean of many rays as it is. Smoothing over materials does not: where a class has other ones that
+    are seen steeply than aslant, it would pass for a wrong cosine.
+    """
+    every = np.asarray(scan.hit & intensities.trusted) & (np.asarray(given_rad) < RULES.compared_below_rad)
+    every = tuple(place[:: max(1, every.sum() // TREND_RAYS)] for place in np.nonzero(every))
+    level = np.asarray(intensities.level)[every].astype(float)
+    of_trend = {"semantic": scan.semantic, "incidence_rad": given_rad, "range_m": scan.range_m}
+    of_trend = {name: np.asarray(values) for name, values in of_trend.items()}
+    here = {name: values[every] for name, values in of_trend.items()}
+    # The mean of a noisy logarithm lies below the logarithm of what is meant by half the relative variance. Rays that
+    # are mostly noise say nothing; they are told by what is usual, for by their own level noise would choose them.
+    variance = noise.variance(np.exp(class_trend(level, **here)))
+    said = level + np.log(np.maximum(1 + np.asarray(intensities.detail)[every], FLOOR)) + 0.5 * variance
+    off = said - np.log(np.maximum(np.asarray(scan.intensity)[every], FLOOR))
+    at = {name: values[index].ravel() for name, values in of_trend.items()}
+    both = {name: np.concatenate([here[name], at[name]]) for name in at}
+    told = np.concatenate([variance < RULES.compared_noise**2, np.zeros(at["range_m"].size, bool)])
+    nats = class_trend(np.concatenate([off, np.zeros(at["range_m"].size)]), **both, told=told)
+    return nats[len(off) :].reshape(np.asarray(index[0]).shape)
+
+
+def _with_detail(known: AtRays, detail: Float[np.ndarray, "b c r k"], *, sd: float, **more: Any) -> AtRays:
+    """What is known, with more columns of detail, of one standard deviation."""
+    columns = np.concatenate([known.detail, detail], axis=-1)
+    return replace(known, detail=columns, detail_sd=(*known.detail_sd, *[sd] * detail.shape[-1]), **more)
 
 
 def reliability(

@@ -76,6 +76,22 @@ def test_surfaces_are_held_against_what_is_usual_of_their_class():
     assert few == pytest.approx(np.full(10, usual[:10].mean()))
 
 
+def test_a_trend_holds_what_the_nearest_rays_that_are_told_say():
+    rng = np.random.default_rng(1)
+    n = 2000
+    angle, kind = rng.uniform(0, 1.2, n), rng.choice([7, 11], n)
+    level = np.log(np.cos(angle))
+    steep = angle < 0.9
+    # Beyond what is told anything may stand.
+    told = class_trend(
+        np.where(steep, level, 9.0), semantic=kind, incidence_rad=angle, range_m=np.full(n, 10.0), told=steep
+    )
+    np.testing.assert_allclose(told[steep], level[steep], atol=1e-3)
+    np.testing.assert_allclose(told[~steep], np.log(np.cos(0.9)), atol=2e-3)
+    none = class_trend(level, semantic=kind, incidence_rad=angle, range_m=np.full(n, 10.0), told=steep & (kind == 7))
+    assert (none[kind == 11] == 0).all()
+
+
 def within(semantic, light, angle=0.1):
     """The contrast within classes of rays, row by row the same, that lie at one range and, unless told, one angle."""
     frames, _ = scan(None, 1)

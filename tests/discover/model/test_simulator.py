@@ -1,10 +1,15 @@
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxsim.discover.division import Division
-from jaxsim.discover.model.simulator import filled, meant, reliability, trend
+from jaxsim.discover.model.evidence import AFTER_KINDS, gather
+from jaxsim.discover.model.simulator import DETAIL_SD, SLOPE_SD, filled, meant, reliability, trend
 from jaxsim.discover.rules import RULES
-from tests.discover.noisy_street import comparison, scan, sensed
+from jaxsim.effects import scan_of
+from jaxsim.frame import PolarImage
+from tests.discover.noisy_street import COLUMNS, comparison, disturbed, grid, scan, sensed, street
 
 NOISY = {"share": 0.06, "constant": 0.008, "range_m": 0.015, "loss": 0.01, "step": 1 / 255}
 
@@ -88,3 +93,53 @@ def test_rays_that_the_simulators_constant_noise_hides_are_not_compared_although
     # The road at 80 degrees: 0.15 cos.
     assert darkest[0] < 0.03
     assert darkest[1] == pytest.approx(0.008 / RULES.compared_noise, rel=0.1)
+
+
+CHECKERED_RAD = 0.8
+"""Walls that are seen more steeply have windows, of one cell each."""
+
+
+@pytest.fixture(scope="module")
+def checkered():
+    """Evidence beside a simulator with noise of streets whose walls have windows where they are seen steeply; and the
+    true ln I of its rays."""
+    rng, truth = np.random.default_rng(5), [street(k) for k in range(4)]
+    for frame in truth:
+        odd = np.indices(frame["hit"].shape).sum(0) % 2 == 1
+        windows = (frame["semantic"] == 11) & (frame["incidence"] < CHECKERED_RAD)
+        frame["intensity"] = frame["intensity"] * np.exp(np.where(windows, np.where(odd, 0.5, -0.5), 0))
+    images = [
+        PolarImage(range_m.astype("f4"), intensity.astype("f4"), kept)
+        for range_m, intensity, kept in (disturbed(frame, rng, share=0.15) for frame in truth)
+    ]
+    more = [{"semantic": frame["semantic"], "incidence": frame["incidence"].astype("f4")} for frame in truth]
+    frames = jax.tree.map(jnp.asarray, scan_of(grid(), images, more))
+    measured = jax.tree.map(jnp.asarray, sensed(truth, {"share": 0.05}))
+    result = meant(frames, range_m=measured.range_m, intensity=measured.intensity, valid=measured.valid)
+    columns = np.broadcast_to(np.arange(0, COLUMNS, 3), (4, COLUMNS // 3))
+    which = np.arange(4)
+    ev = gather(result.scan, measured, frame=which, column=columns, scene=which, simulator=result)
+    light = np.stack([frame["intensity"] for frame in truth])[which[:, None, None], np.arange(24), columns[..., None]]
+    return ev, np.log(np.maximum(light, 1e-4))
+
+
+def test_smoothing_over_windows_darkens_no_angle(checkered):
+    """What is smoothed lies above the mean of its logarithms by half of the variance that noise hides."""
+    ev, light = checkered
+    wall = np.asarray(ev.compared) & (np.asarray(ev.rays.semantic) == 11)
+    steep = np.asarray(ev.given_rad) < CHECKERED_RAD
+    off = light - np.asarray(ev.rays.log_intensity)
+    windows, plain = (off[wall & of].mean() for of in (steep, ~steep))
+    assert windows - plain == pytest.approx(0, abs=0.03)
+
+
+def test_beside_a_noisy_simulator_slopes_of_classes_and_of_detail_are_free(checkered):
+    ev, _ = checkered
+    details = ev.after_kinds - AFTER_KINDS
+    sd = 1 / np.sqrt(np.asarray(ev.ridge))[-details:]
+    # Of the road, of walls and of other classes; of bright and dark detail and of surfaces.
+    np.testing.assert_allclose(sd, [SLOPE_SD] * 3 + [DETAIL_SD] * 3, rtol=1e-5)
+    columns = np.asarray(ev.features)[..., -details:]
+    road = np.asarray(ev.compared) & (np.asarray(ev.rays.semantic) == 7)
+    assert (columns[road][:, 1] == 0).all()
+    assert (columns[..., 1] != 0).any()
