@@ -37,7 +37,9 @@ them it is partly both."""
 PATCH_ROWS, PATCH_RAD = 5, np.deg2rad(8.0)
 """Half height and half width of a patch."""
 MOST_CONTRAST = 1.0
-"""Nats within which differences are held: one dark cell tells no slope."""
+"""Nats within which differences beside a cell are held: one dark cell tells no slope ..."""
+MOST_OF_CLASS = 3.0
+"""... and those within a class, which paint has over asphalt: held closer, what a table has wrong of it is a bend."""
 
 
 class Contrasts(NamedTuple):
@@ -67,7 +69,7 @@ def within_classes(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r 
     )
     names, shares = _of_classes(semantic, usual)
     nats = np.zeros((*there.shape, len(names)), np.float32)
-    nats[there] = np.clip(own[there] - usual, -MOST_CONTRAST, MOST_CONTRAST)[:, None] * shares
+    nats[there] = np.clip(own[there] - usual, -MOST_OF_CLASS, MOST_OF_CLASS)[:, None] * shares
     return Contrasts(names, nats)
 
 

@@ -112,6 +112,11 @@ def test_each_class_has_a_scale_of_what_is_over_its_usual():
     np.testing.assert_allclose(of_rays, [[-0.1, 0, 0], [0, -0.2, 0], [0, 0.2, 0], [0.1, 0, 0]], atol=2e-3)
 
 
+def test_paint_stands_as_far_over_asphalt_as_it_does():
+    told = within(np.tile([7, 7, 7, 7, 11], 2), np.tile([-2.5, -2.5, -2.5, -0.5, -1.0], 2))
+    assert told.nats[..., 0].max() == pytest.approx(1.5, abs=0.02)
+
+
 def test_the_classes_of_fewer_rays_share_a_scale():
     kinds = np.arange(7, 7 + MOST_CLASSES + 3)
     # The last three are seen half as often.
