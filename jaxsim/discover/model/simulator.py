@@ -37,7 +37,9 @@ beside differences not much larger: that flattens the slope, and is no law of th
 DETAIL_SD = 1.0
 """... and how much more, or less, than the detail of one with noise, or of free contrast."""
 TREND_RAYS = 200_000
-"""Rays of all frames by which the trend of classes is told, at most: their noise is then gone."""
+"""Rays of all frames by which the trend of classes is told, at most: their noise is then gone ..."""
+TREND_NOISE = 0.3
+"""... and their relative noise, at most: the mean of a logarithm lies too low by hardly more than half its square."""
 
 
 @dataclass(frozen=True)
@@ -261,7 +263,7 @@ def _off_trend(
     off = said - np.log(np.maximum(np.asarray(scan.intensity)[every], FLOOR))
     at = {name: values[index].ravel() for name, values in of_trend.items()}
     both = {name: np.concatenate([here[name], at[name]]) for name in at}
-    told = np.concatenate([variance < RULES.compared_noise**2, np.zeros(at["range_m"].size, bool)])
+    told = np.concatenate([variance < TREND_NOISE**2, np.zeros(at["range_m"].size, bool)])
     nats = class_trend(np.concatenate([off, np.zeros(at["range_m"].size)]), **both, told=told)
     return nats[len(off) :].reshape(np.asarray(index[0]).shape)
 
