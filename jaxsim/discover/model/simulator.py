@@ -40,8 +40,6 @@ TREND_RAYS = 200_000
 """Rays of all frames by which the trend of classes is told, at most: their noise is then gone ..."""
 TREND_NOISE = 0.3
 """... and their relative noise, at most: the mean of a logarithm lies too low by hardly more than half its square."""
-BLACK = 0.05
-"""Share of its surface's intensity below which a ray reads nothing."""
 
 
 @dataclass(frozen=True)
@@ -253,8 +251,6 @@ def _off_trend(
     are seen steeply than aslant, it would pass for a wrong cosine.
     """
     every = np.asarray(scan.hit & intensities.trusted) & (np.asarray(given_rad) < RULES.compared_below_rad)
-    # A ray that reads nothing beside bright ones is no draw of their noise, and its logarithm would outweigh them.
-    every &= np.asarray(intensities.detail) > -1 + BLACK
     every = tuple(place[:: max(1, every.sum() // TREND_RAYS)] for place in np.nonzero(every))
     level = np.asarray(intensities.level)[every].astype(float)
     of_trend = {"semantic": scan.semantic, "incidence_rad": given_rad, "range_m": scan.range_m}
@@ -263,7 +259,7 @@ def _off_trend(
     # The mean of a noisy logarithm lies below the logarithm of what is meant by half the relative variance. Rays that
     # are mostly noise say nothing; they are told by what is usual, for by their own level noise would choose them.
     variance = noise.variance(np.exp(class_trend(level, **here)))
-    said = level + np.log1p(np.asarray(intensities.detail)[every]) + 0.5 * variance
+    said = level + np.log(np.maximum(1 + np.asarray(intensities.detail)[every], FLOOR)) + 0.5 * variance
     off = said - np.log(np.maximum(np.asarray(scan.intensity)[every], FLOOR))
     at = {name: values[index].ravel() for name, values in of_trend.items()}
     both = {name: np.concatenate([here[name], at[name]]) for name in at}

@@ -108,13 +108,10 @@ def checkered():
         odd = np.indices(frame["hit"].shape).sum(0) % 2 == 1
         windows = (frame["semantic"] == 11) & (frame["incidence"] < CHECKERED_RAD)
         frame["intensity"] = frame["intensity"] * np.exp(np.where(windows, np.where(odd, 0.5, -0.5), 0))
-    images = []
-    for frame in truth:
-        range_m, intensity, kept = disturbed(frame, rng, share=0.15)
-        # There one ray in fifty reads nothing.
-        black = (frame["incidence"] < CHECKERED_RAD) & (rng.random(kept.shape) < 0.02)
-        intensity = np.where(black, 0, intensity)
-        images.append(PolarImage(range_m.astype("f4"), intensity.astype("f4"), kept))
+    images = [
+        PolarImage(range_m.astype("f4"), intensity.astype("f4"), kept)
+        for range_m, intensity, kept in (disturbed(frame, rng, share=0.15) for frame in truth)
+    ]
     more = [{"semantic": frame["semantic"], "incidence": frame["incidence"].astype("f4")} for frame in truth]
     frames = jax.tree.map(jnp.asarray, scan_of(grid(), images, more))
     measured = jax.tree.map(jnp.asarray, sensed(truth, {"share": 0.05}))
