@@ -37,7 +37,7 @@ beside differences not much larger: that flattens the slope, and is no law of th
 DETAIL_SD = 1.0
 """... and how much more, or less, than the detail of one with noise, or of free contrast."""
 TREND_RAYS = 200_000
-"""Rays of all frames by which the trend of classes is told, at most: their noise is then gone ..."""
+"""Rays of all frames by which the trend of classes is told, fewer than twice as many: their noise is then gone ..."""
 TREND_NOISE = 0.3
 """... and their relative noise, at most: the mean of a logarithm lies too low by hardly more than half its square."""
 
