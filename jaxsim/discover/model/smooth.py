@@ -50,8 +50,10 @@ FARTHEST = 0.01
 """... where that is more than this share of 1 / range: surfaces are rough."""
 LEAST_OF_NEIGHBOURS = 0.75
 """Share of the neighbours that may be of a ray's surface, by weight, of which its plane must be made."""
-SLOPE_PULL = 1e-2
-"""Pull of a window's slopes to 0, in rays at its end."""
+SLOPE_PULL = 1e-4
+"""Pull of a window's slopes to 0, in rays at its end: slopes are far above the noise. More would bend the ground ..."""
+BEND_PULL = 1e-2
+"""... and of its bends, which are not."""
 LINE_ROUNDS = 3
 """Rounds of weights given a line and a line given weights."""
 
@@ -308,7 +310,7 @@ def _gram(design: list[Array], weight: Float[Array, "k c"]) -> _Factored:
             entry = (weight * p * q).sum(0)
             line.append(entry - sum(line[i] * lower[j][i] for i in range(j)))
         lower.append([entry / d for entry, d in zip(line, diagonal, strict=True)])
-        pivot = (weight * p**2).sum(0) + (SLOPE_PULL if k else 1e-6)
+        pivot = (weight * p**2).sum(0) + (1e-6, SLOPE_PULL, SLOPE_PULL, BEND_PULL, BEND_PULL)[k]
         diagonal.append(pivot - sum(a * b for a, b in zip(line, lower[k], strict=True)))
     return _Factored(lower, diagonal)
 
