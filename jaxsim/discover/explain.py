@@ -14,7 +14,7 @@ from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.doubts import NEGLIGIBLE, RARELY_IF_EVER, SHOWN_ELSEWHERE, UNFOUNDED
+from jaxsim.discover.name.doubts import NEGLIGIBLE, OF_POSTS, RARELY_IF_EVER, SHOWN_ELSEWHERE, UNFOUNDED
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
@@ -32,6 +32,8 @@ REFUSED = {
     "echoes weaken: what grows is what the simulator does not know of grazing surfaces and of the sensor's pose",
     RARELY_IF_EVER: "The 90 % interval of how often it acts holds never: what a few rays of some scenes show beside "
     "edges and bright things is not enough to say that the sensor does it",
+    OF_POSTS: "Glare goes round a very bright target, and is read straight below it alone: there stands a post, which "
+    "single rays of one side meet and those of the other pass",
 }
 """What it means that something was found which is not said because it is too little, by why."""
 

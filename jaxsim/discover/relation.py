@@ -10,12 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import Evidence
+from jaxsim.discover.model.fit import of_bright
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import p_value, rank_correlation
 from jaxsim.effects import Effect
-
-OF_BRIGHT = ("blooming",)
-"""Effects beside what the simulator has bright."""
 
 
 def correlations(ev: Evidence) -> Float[np.ndarray, " s"]:
@@ -62,4 +60,4 @@ def unrelated(by_scene: Float[np.ndarray, " s"]) -> str | None:
 def of_ranges(effect: Effect) -> bool:
     """Whether an effect can be told without intensities: it changes others, and of no surfaces that the simulator has
     bright."""
-    return effect.name not in OF_BRIGHT and ("intensity" not in effect.channels or "range" in effect.channels)
+    return not of_bright(effect) and ("intensity" not in effect.channels or "range" in effect.channels)

@@ -68,13 +68,13 @@ def test_rays_fall_into_the_groups_of_a_curve():
 GAIN = effect("beam_gain", "intensity")
 
 
-@pytest.mark.parametrize("low", [0.5, -0.5])
+@pytest.mark.parametrize("low", [0.5, -0.5, -0.65])
 def test_what_judge_scenes_gain_by_in_the_mean_stays_named(low):
     one = verdict(low, GAIN)
     assert without_unconfirmed(one) is one
 
 
-@pytest.mark.parametrize("low", [-1.0, -1.5])
+@pytest.mark.parametrize("low", [-0.8, -1.0, -1.5])
 def test_what_they_do_not_gain_by_is_kept_and_not_named(low):
     one = without_unconfirmed(verdict(low, GAIN))
     assert (one.verdict, one.effects, one.unconfirmed) == ("none", (), (GAIN,))

@@ -108,6 +108,11 @@ def rays_for(effect: Law, ev: Evidence) -> Rays:
     return replace(ev.rays, log_intensity=jnp.where(ev.returned, ev.log_intensity, ev.rays.log_intensity))
 
 
+def of_bright(effect: Law) -> bool:
+    """Whether an effect acts around what the simulator has bright."""
+    return effect.name == "blooming"
+
+
 def by_reported(effect: Law) -> bool:
     """Whether an effect is held against the intensity that was reported. One that changes intensities itself cannot be
     given the measured ones."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.name.each_class import denied_without, shown_by
+from jaxsim.discover.name.each_class import denied_without, shown_below, shown_by
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, goes_by_steps
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
@@ -18,6 +18,7 @@ SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before wha
 DENIED = "all other surfaces speak against it, without those of"
 """Followed by a class's name, and the next by one or more."""
 SHOWN_BY = "none but these surfaces show it, of which one side alone has some:"
+OF_POSTS = "none but rays straight below very bright targets show it, where posts stand"
 SHOWN_ELSEWHERE = {
     EXCHANGED: "what noise of both does to the comparison, nothing that one of them has and the other has not",
     CONTROL: "what the simulator lacks by itself, and nothing new",
@@ -64,6 +65,8 @@ class Doubts:
             yield f"{DENIED} {alone}"
         if alone := shown_by(step, beside, self.apart):
             yield f"{SHOWN_BY} {alone}"
+        if shown_below(step, beside):
+            yield OF_POSTS
         if self.may_never_act(step, beside):
             yield RARELY_IF_EVER
 

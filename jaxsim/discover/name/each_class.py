@@ -4,7 +4,7 @@ A simulated street may have flat soil where the real one undulates, and solid cr
 that does to readings can look like an effect of a sensor, as noise that grows while echoes weaken does. But a sensor
 does the same to every surface. So without the class that says most for an effect the others may say little of it, and
 must not clearly speak against it. And where a class's surfaces are seen to be others on the two sides, what else they
-show of ranges and losses must be shown by others as well.
+show of ranges and losses must be shown by others as well; so must glare by other rays than a post can meet.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.data.cityscapes import NAMES
-from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, score_at, score_columns
+from jaxsim.discover.model.evidence import Evidence, near_enough
+from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, of_bright, score_at, score_columns
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import reweighted
 from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
+from jaxsim.effects.catalogue.blooming import ON_TARGET_RAD
 
 
 def denied_without(step: FittedStep, problem: Problem) -> str:
@@ -60,6 +61,26 @@ def shown_by(step: FittedStep, problem: Problem, classes: Sequence[int]) -> str:
         return ""
     by_others = clipped(gained(step, replace(problem, ev=leaving_out(problem.ev, of_these)))).sum()
     return "" if by_others > RULES.bar_nats else ", ".join(NAMES[one] for one in classes)
+
+
+def shown_below(step: FittedStep, problem: Problem) -> bool:
+    """Whether none but the rays straight below very bright targets show glare that was fitted to a problem. A sign's
+    post stands there, which single rays of one side meet and those of the other pass; glare has no side."""
+    if not of_bright(step.chosen.effect):
+        return False
+    out = straight_below(problem.ev)
+    return bool(clipped(gained(step, replace(problem, ev=leaving_out(problem.ev, out)))).sum() <= RULES.bar_nats)
+
+
+def straight_below(ev: Evidence) -> Bool[np.ndarray, "b c r"]:
+    """The rays of a column below one that meets the very bright target nearest to them."""
+    elevation = np.asarray(ev.rays.elevation_rad)
+    # A ray that meets such a target is at no angle to the nearest one.
+    on_target = np.asarray(ev.rays.hit) & (np.asarray(ev.rays.glare_rad) < ON_TARGET_RAD)
+    # Each ray against each of its column: the last axis is that of the others.
+    ours_m, others_m = np.broadcast_arrays(np.asarray(ev.rays.glare_m)[..., None], ev.rays.range_m[..., None, :])
+    of_target = on_target[..., None, :] & np.asarray(near_enough(others_m, ours_m))
+    return np.any(of_target & (elevation[..., None, :] > elevation[..., None]), axis=-1)
 
 
 def gained(step: FittedStep, rest: Problem) -> Float[np.ndarray, " s"]:

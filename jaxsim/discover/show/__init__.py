@@ -174,23 +174,28 @@ def judge_known(
 
 
 def without_unconfirmed(verdict: Verdict, alone: Mapping[str, float] | None = None) -> Verdict:
-    """The verdict without the effects by which its judge scenes do not gain: these are kept as `unconfirmed`. The gap
-    still shows what all of them do. `alone` is what these scenes gain by effects that the gap cannot judge
-    (`judged_by_reported`), by name.
+    """The verdict without the effects by which its judge scenes do not gain, or next to nothing of what scenes gained
+    on which they were found: these are kept as `unconfirmed`. The gap still shows what all of them do. `alone` is what
+    these scenes gain by effects that the gap cannot judge (`judged_by_reported`), by name.
 
     The mean decides, not its interval: judge scenes are few, and right effects may be rare or weak
-    (`Rules.confirmed_nats`).
+    (`Rules.confirmed_nats`, `Rules.confirmed_share`).
     """
     alone = alone or {}
     gained = [alone.get(one.name, verdict.judged_nats(*coupled(one.channels))) for one in verdict.effects]
-    lost = tuple(one for one, nats in zip(verdict.effects, gained, strict=True) if nats <= RULES.confirmed_nats)
+    lost = tuple(
+        one
+        for one, nats in zip(verdict.effects, gained, strict=True)
+        if nats <= max(RULES.confirmed_nats, RULES.confirmed_share * one.gain.value)
+    )
     if not lost:
         return verdict
     confirmed_effects = tuple(effect for effect in verdict.effects if effect not in lost)
     names = [effect.name for effect in lost]
     note = (
         f"not confirmed on unseen scenes: {', '.join(names)} explained the scenes that the search saw, but the "
-        f"{len(verdict.judge)} judge scenes do not gain in the mean; it is not named. The gap is shown with it in place"
+        f"{len(verdict.judge)} judge scenes gain less than {RULES.confirmed_share:.0%} of that in the mean; it is not "
+        "named. The gap is shown with it in place"
     )
     answer = verdict.verdict
     if answer == "named" and not confirmed_effects:

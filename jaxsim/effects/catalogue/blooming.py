@@ -9,15 +9,15 @@ import jax.numpy as jnp
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
 
-# A ray nearer than this meets the bright target itself: what it reads is no ghost.
-_ON_TARGET_RAD = 1e-6
+ON_TARGET_RAD = 1e-6
+"""A ray nearer than this meets the bright target itself: what it reads is no ghost."""
 
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Lets rays near a very bright target read its range, also those that hit nothing."""
     glare = p["probability"] * jnp.exp(-jnp.square(rays.glare_rad / p["radius_rad"]))
     # An angle of pi says that no glare is within reach; true angles are far below 3.
-    beside = (rays.glare_rad > _ON_TARGET_RAD) & (rays.glare_rad < 3.0)
+    beside = (rays.glare_rad > ON_TARGET_RAD) & (rays.glare_rad < 3.0)
     ghost = jnp.where(beside, glare, jnp.zeros_like(glare))
     return replace(rays, ghost=ghost, ghost_m=jnp.where(beside, rays.glare_m, rays.ghost_m))
 

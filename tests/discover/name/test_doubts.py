@@ -8,7 +8,16 @@ import pytest
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.name import doubts
 from jaxsim.discover.name.answer import name_effects
-from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE, RARELY_IF_EVER, SCARCE, SHOWN_BY, UNFOUNDED, Doubts
+from jaxsim.discover.name.doubts import (
+    DENIED,
+    NEGLIGIBLE,
+    OF_POSTS,
+    RARELY_IF_EVER,
+    SCARCE,
+    SHOWN_BY,
+    UNFOUNDED,
+    Doubts,
+)
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.effects import EFFECTS
 from tests.discover import noisy_street
@@ -20,7 +29,15 @@ def no_class(monkeypatch):
     """No class speaks against anything, and nothing is too small."""
     monkeypatch.setattr(doubts, "denied_without", lambda step, problem: "")
     monkeypatch.setattr(doubts, "shown_by", lambda step, problem, classes: "")
+    monkeypatch.setattr(doubts, "shown_below", lambda step, problem: False)
     monkeypatch.setattr(doubts, "RULES", replace(doubts.RULES, negligible=0.0))
+
+
+@pytest.mark.usefixtures("no_class")
+@pytest.mark.parametrize(("below", "why"), [(True, OF_POSTS), (False, "")])
+def test_glare_of_posts_alone_is_not_said(monkeypatch, below, why):
+    monkeypatch.setattr(doubts, "shown_below", lambda step, problem: below)
+    assert Doubts().against(step(candidate("blooming", 9, "range")), problem(), null=problem()) == why
 
 
 @pytest.mark.usefixtures("no_class")

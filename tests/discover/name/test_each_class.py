@@ -10,7 +10,7 @@ from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.name.each_class import denied_without, leaving_out, shown_by
+from jaxsim.discover.name.each_class import denied_without, leaving_out, shown_below, shown_by, straight_below
 from jaxsim.discover.name.select import fitted_step
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
@@ -70,3 +70,57 @@ def test_rays_that_are_left_out_count_for_nothing():
     for there in (left.rays.hit, left.returned, left.compared, left.features.any(-1)):
         assert not np.asarray(there)[road].any()
     np.testing.assert_array_equal(np.asarray(left.returned)[~road], np.asarray(ev.returned)[~road])
+
+
+SIGN = (slice(2, 5), slice(None, None, 8), 6.0)
+"""Rows and columns of signs one ray wide, and their range in metres, before what else is there."""
+
+
+def glared(monkeypatch, *, all_round: bool):
+    """Streets with signs, beside which the sensor reads some signs' range: in all directions, or straight below."""
+    bare = noisy_street.street
+
+    def with_signs(seed: int):
+        frame = bare(seed)
+        rows, columns, at_m = SIGN
+        for name, value in (("range", at_m), ("intensity", 0.9), ("semantic", IDS["traffic sign"]), ("incidence", 0.0)):
+            frame[name][rows, columns] = value
+        frame["hit"][rows, columns] = True
+        return frame
+
+    monkeypatch.setattr(noisy_street, "street", with_signs)
+    both = noisy_street.comparison({}, {"range_m": 0.01}, 12)
+    rng = np.random.default_rng(4)
+    range_m = both.measured.range_m.copy()
+    target = np.zeros(range_m.shape, bool)
+    target[:, SIGN[0], SIGN[1]] = True
+    if all_round:
+        near = np.any([np.roll(target, by, axis) for by in (-3, -2, 2, 3) for axis in (1, 2)], axis=0) & ~target
+        ghost = near & (rng.random(near.shape) < 0.3)
+    else:
+        posts = rng.random((len(range_m), 1, noisy_street.COLUMNS // 8)) < 0.15
+        ghost = np.zeros(range_m.shape, bool)
+        ghost[:, 6:10, SIGN[1]] = posts
+    range_m[ghost] = SIGN[2] + 0.01 * rng.normal(size=ghost.sum())
+    measured = replace(both.measured, range_m=range_m, valid=both.measured.valid | ghost)
+    problem = NullModel.of(Division.of(replace(both, measured=measured))).problem
+    [candidate] = rank_effects(problem, [EFFECTS["blooming"]])
+    return fitted_step(problem, candidate, ranking=(), good=()), problem
+
+
+@pytest.mark.parametrize("all_round", [True, False])
+def test_glare_that_is_read_below_signs_alone_is_their_posts(monkeypatch, all_round):
+    step, problem = glared(monkeypatch, all_round=all_round)
+    assert step.chosen.total > RULES.bar_nats
+    assert shown_below(step, problem) != all_round
+    other = replace(step, chosen=replace(step.chosen, effect=EFFECTS["mixed_pixels"]))
+    assert not shown_below(other, problem)
+
+
+def test_rays_straight_below_a_target_are_those_of_its_columns(monkeypatch):
+    _, problem = glared(monkeypatch, all_round=True)
+    below, rays = straight_below(problem.ev), problem.ev.rays
+    lower = np.asarray(rays.elevation_rad) < np.asarray(noisy_street.grid().elevation_rad)[2] - 1e-4
+    of_sign = (np.asarray(rays.semantic) == IDS["traffic sign"]).any(-1, keepdims=True)
+    in_reach = np.asarray(rays.glare_m) > 0
+    np.testing.assert_array_equal(below, lower & of_sign & in_reach)
