@@ -8,6 +8,8 @@ command on a cluster), `endings` (how failures are told), and of discover `sides
 
 from __future__ import annotations
 
+import atexit
+import gc
 import sys
 from importlib.metadata import version
 
@@ -20,6 +22,8 @@ __all__ = ["COMMANDS", "MODES", "main", "stop_on_error"]
 
 def main(argv: list[str] | None = None) -> None:
     """Runs the command that `argv` (by default the console's words) names; the console script enters here."""
+    # At its end Python looks for garbage among all that JAX made, for up to half a second; the process is over anyway.
+    atexit.register(gc.freeze)
     words = without_quiet(sys.argv[1:] if argv is None else argv)
     with stop_on_error():
         tell_on_console()

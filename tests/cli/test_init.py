@@ -49,6 +49,13 @@ def test_help_prints_a_line_a_command(capsys):
     assert capsys.readouterr().out.splitlines() == lines
 
 
+def test_at_its_end_a_command_looks_for_no_garbage():
+    """Among all that JAX made that takes up to half a second."""
+    told = "import atexit, gc; from jaxsim.cli import main; atexit.register(lambda: print(gc.get_freeze_count() > 0))"
+    ended = [sys.executable, "-c", f"{told}; main(['--version'])"]
+    assert subprocess.run(ended, check=True, capture_output=True, text=True).stdout.splitlines()[-1] == "True"
+
+
 def test_a_name_that_no_file_could_tell_is_refused_before_any_work(tmp_path):
     place = tmp_path / "lat\udcfc"
     with pytest.raises(SystemExit, match=r"a name has letters that are no utf-8: .*lat\\udcfc'; name it otherwise"):
