@@ -53,7 +53,7 @@ def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> 
             charts.append(_vector(named.name, name, of, values=value, draw=draw))
     if rows:
         parts.append(
-            page.table(["parameter", "meaning", "value", "90 % interval", "unit", "does nothing at"], rows, text=2)
+            page.table(["parameter", "meaning", "value", "90 % interval", "unit", "fit starts from"], rows, text=2)
         )
     parts += charts
     for other in named.look_alikes:
