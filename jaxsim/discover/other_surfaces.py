@@ -9,6 +9,7 @@ nearly the same.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -22,6 +23,8 @@ from jaxsim.frame import Array
 
 NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 """Rows and columns by which the four neighbours of a ray lie off."""
+BESIDE = 2
+"""Rows and columns within which the surface is looked for that one side alone met: leaves of a crown lie apart."""
 BLOOMING_RAD = 2 * EFFECTS["blooming"].parameters["radius_rad"].high
 """How far from a very bright target glare may be read: twice the largest radius of `blooming`."""
 
@@ -78,6 +81,29 @@ def surfaces_apart(scan: Scan, measured: Measured) -> Bool[np.ndarray, "f r n"]:
     # Of what is lost amid such a surface nothing is known either.
     amid = np.sum([shifted(apart, *by) for by in NEIGHBOURS], axis=0) >= 2
     return apart | (amid & ~valid)
+
+
+def met_by_chance(scan: Scan, measured: Measured) -> Scan:
+    """The scan (in host memory) which also hits what the sensor alone met of the surfaces beside: a leaf of the crown
+    whose other leaves the simulator's rays meet. Class, thing and angle are of the ray, of those few rows and columns
+    off, whose range is nearest to the reading; where none is near enough a ray still hits nothing."""
+    names = ("range_m", "hit", "semantic", "instance", "incidence_rad")
+    of_scan = {name: np.array(getattr(scan, name)) for name in names}
+    read_m, hit, range_m = np.asarray(measured.range_m), np.asarray(scan.hit), np.asarray(scan.range_m)
+    alone = np.nonzero(np.asarray(measured.valid) & ~hit)
+    frame, row, column = alone
+    nearest_m = np.full(len(frame), np.inf)
+    for rows, columns in product(range(-BESIDE, BESIDE + 1), repeat=2):
+        there = np.array([row + rows, column + columns])
+        within = (there >= 0).all(0) & (there < np.array(hit.shape[1:])[:, None]).all(0)
+        # Beyond the border a ray stands for itself, which hits nothing.
+        aside = (frame, np.where(within, there[0], row), np.where(within, there[1], column))
+        off_m = np.abs(read_m[alone] - range_m[aside])
+        near = hit[aside] & np.asarray(near_enough(read_m[alone], range_m[aside])) & (off_m < nearest_m)
+        nearest_m = np.where(near, off_m, nearest_m)
+        for name in names:
+            of_scan[name][tuple(place[near] for place in alone)] = np.asarray(getattr(scan, name))[aside][near]
+    return replace(scan, **of_scan)
 
 
 def _alike(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.discover.other_surfaces import apart_in_words, same_surfaces, surfaces_apart
+from jaxsim.discover.other_surfaces import apart_in_words, met_by_chance, same_surfaces, surfaces_apart
 from jaxsim.effects.scan import scan_of
 from tests.discover import rooms
 
@@ -113,3 +113,30 @@ def test_the_share_of_lost_rays_is_that_of_all():
     kept = np.asarray(one.hit)
     share = 1 - np.asarray(other.valid)[kept].mean()
     assert abs(share - 0.1) < 3 * np.sqrt(0.09 / kept.sum())
+
+
+def test_leaves_that_the_sensor_alone_met_are_of_the_crown_beside(sides):
+    scan, measured = sides
+    rng = np.random.default_rng(6)
+    crown = np.zeros(scan.hit.shape, bool)
+    crown[:, :6, 10:30] = True
+    ours = crown & (rng.random(crown.shape) < 0.6)
+    theirs = crown & (rng.random(crown.shape) < 0.6)
+    hit = np.asarray(scan.hit) & ~crown | ours
+    range_m = np.where(ours, 8 + rng.random(crown.shape), np.where(crown, 0, scan.range_m)).astype(np.float32)
+    semantic = np.where(crown, np.where(ours, IDS["vegetation"], IDS["sky"]), scan.semantic)
+    angle = np.where(ours, np.float32(0.3), scan.incidence_rad)
+    scan = replace(scan, hit=hit, range_m=range_m, semantic=semantic, incidence_rad=angle)
+    read_m = np.where(theirs, 8.5, np.where(crown, 0, measured.range_m)).astype(np.float32)
+    # Something that flies between crown and sensor is of no surface beside.
+    alone = theirs & ~ours
+    flying = alone & (np.cumsum(alone.reshape(len(alone), -1), axis=1).reshape(alone.shape) % 9 == 0)
+    read_m[flying] = 3.0
+    met = met_by_chance(scan, replace(measured, range_m=read_m, valid=measured.valid & ~crown | theirs))
+    assert flying.any()
+    np.testing.assert_array_equal(met.hit, hit | (alone & ~flying))
+    assert (np.asarray(met.semantic)[alone & ~flying] == IDS["vegetation"]).mean() > 0.9
+    leaves = alone & ~flying & (np.asarray(met.semantic) == IDS["vegetation"])
+    assert (np.asarray(met.incidence_rad)[leaves] == np.float32(0.3)).all()
+    for name in ("range_m", "semantic", "incidence_rad"):
+        np.testing.assert_array_equal(np.asarray(getattr(met, name))[hit], np.asarray(getattr(scan, name))[hit])

@@ -10,7 +10,7 @@ import numpy as np
 from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.each_class import denied_without, shown_below, shown_by
-from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, goes_by_steps
+from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, looks_like_chance
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
 
@@ -38,7 +38,7 @@ class Doubts:
     """What they show as well is passed over: the sides exchanged where the simulator has noise of its own, and the
     control's frames. They are asked where anything is found."""
     exchanged: Callable[[], OtherSides] | None = None
-    """The sides exchanged of a simulator without noise, which are asked of what goes by depth steps alone."""
+    """The sides exchanged of a simulator without noise, which are asked of what looks like chance alone."""
     noise_grows: Callable[[], bool] = lambda: True
     """Whether the noise of neighbouring readings, which knows nothing of poses and surfaces, grows as echoes weaken."""
     may_never_act: Callable[[FittedStep, Problem], bool] = lambda step, beside: False
@@ -53,7 +53,7 @@ class Doubts:
 
     def _reasons(self, step: FittedStep, beside: Problem, null: Problem) -> Iterator[str]:
         effect = step.chosen.effect
-        asked = (self.exchanged, *self.others) if self.exchanged and goes_by_steps(effect) else self.others
+        asked = (self.exchanged, *self.others) if self.exchanged and looks_like_chance(effect) else self.others
         yield from (sides.why for other in asked if (sides := other()).has(step, null))
         if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
             yield SCARCE

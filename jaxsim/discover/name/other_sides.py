@@ -16,7 +16,8 @@ rough surfaces, and what beams differ by, come out as noise on what is simulated
 these are exchanged too, in all channels, the measured frames cast to where the simulated ones stood.
 
 What lets beams through, crowns and fences, a beam meets by chance: two readings of it differ at depth steps in ranges
-and returns, be the simulator without any noise. So effects of these are always asked.
+and returns, be the simulator without any noise, and before the sky as often one as the other meets nothing. So effects
+of depth steps, and losses, are always asked.
 
 Of intensities of one moment this is a fair question only where both sides know how bright each surface is. A simulator
 that has a table of reflectances lacks what surfaces have of their own, and that alone makes its readings regress once
@@ -41,6 +42,7 @@ from jaxsim.discover.model.null import implied_level
 from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import FittedStep
+from jaxsim.discover.other_surfaces import met_by_chance
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.rules import RULES
@@ -122,7 +124,7 @@ class OtherSides:
     def has(self, step: FittedStep, there: Problem) -> bool:
         """Whether an effect that was chosen of a problem is found here as well."""
         effect = step.chosen.effect
-        channels = self.channels | BY_CHANCE if goes_by_steps(effect) else self.channels
+        channels = self.channels | BY_CHANCE if looks_like_chance(effect) else self.channels
         if channels.isdisjoint(effect.channels):
             return False
         values = host_values(effect, step.fit.z)
@@ -151,6 +153,12 @@ def goes_by_steps(effect: Law) -> bool:
     return effect.covariates == ("step",)
 
 
+def looks_like_chance(effect: Law) -> bool:
+    """Whether two readings of what lets beams through may look like an effect: it acts at depth steps, or only loses
+    rays."""
+    return goes_by_steps(effect) or effect.channels == ("drop",)
+
+
 def clearly_more(there: Float[np.ndarray, " s"], here: Float[np.ndarray, " t"]) -> bool:
     """Whether scenes `there` say more than those `here`, beyond what chance makes of such scenes dealt out anew."""
     group = np.arange(len(there) + len(here)) < len(there)
@@ -175,11 +183,13 @@ def alike(division: Division, null: Problem) -> frozenset[str]:
 
 
 def exchange(comparison: Comparison, division: Division) -> Comparison:
-    """The comparison with the sides exchanged. Classes and angles stay the simulator's: a sensor tells none."""
+    """The comparison with the sides exchanged. Classes and angles stay the simulator's, those of rays that it does not
+    return from are a neighbour's on the same surface: a sensor tells none."""
     raw = comparison.scan
     reported = np.asarray(raw.hit)
     simulated = Measured(np.where(reported, raw.range_m, 0), np.where(reported, raw.intensity, 0), reported)
-    scan = _with_readings(division.simulator.scan, comparison.measured)
+    known = met_by_chance(division.simulator.scan, comparison.measured)
+    scan = _with_readings(known, comparison.measured)
     # What the simulator lacks by itself the sensor does not.
     return replace(comparison, scan=scan, measured=simulated, lattices=None, control=NO_CONTROL)
 

@@ -160,6 +160,40 @@ def test_what_beams_meet_by_chance_is_asked_of_a_simulator_without_noise_too(our
     assert exchanged.has(step, exchanged.null.problem) == found
 
 
+def crowns(ours: float) -> Comparison:
+    """Streets below crowns before the sky, of which the sensor's rays meet half, and the simulator's a share."""
+    rng = np.random.default_rng(8)
+    images, more, measured = [], [], []
+    for k in range(FRAMES):
+        frame = street(k)
+        crown = ~frame["hit"] & (np.arange(480) % 40 < 20)
+        leaf_m = 12 + 2 * rng.random(crown.shape)
+        frame = frame | {
+            "range": np.where(crown, leaf_m, frame["range"]),
+            "intensity": np.where(crown, 0.2, frame["intensity"]),
+            "semantic": np.where(crown, 21, frame["semantic"]),
+        }
+        both = [frame | {"hit": frame["hit"] | (crown & (rng.random(crown.shape) < share))} for share in (ours, 0.5)]
+        images.append(PolarImage(*map(_as_read, disturbed(both[0], rng, **NOISE))))
+        more.append({"semantic": frame["semantic"], "incidence": frame["incidence"].astype("f4")})
+        measured.append([*map(_as_read, disturbed(both[1], rng, **NOISE))])
+    names = tuple(f"{k:03d}" for k in range(FRAMES))
+    return Comparison(
+        scan_of(grid(), images, more), Measured(*map(np.stack, zip(*measured, strict=True))), names, names
+    )
+
+
+def _as_read(of: np.ndarray) -> np.ndarray:
+    return of if of.dtype == bool else of.astype(np.float32)
+
+
+@pytest.mark.parametrize(("ours", "found"), [(0.5, True), (1.0, False)])
+def test_leaves_that_each_side_meets_by_chance_are_no_loss_of_the_sensor(ours, found):
+    exchanged, step = asked(crowns(ours), "material_dropout")
+    assert step.chosen.total > 10
+    assert exchanged.has(step, exchanged.null.problem) == found
+
+
 def test_rays_that_the_sensor_alone_loses_are_its_own():
     exchanged, step = asked(sides(loss=0.08), "random_dropout")
     assert step.chosen.total > 10
