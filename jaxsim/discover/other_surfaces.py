@@ -89,7 +89,8 @@ def met_by_chance(scan: Scan, measured: Measured) -> Scan:
     off, whose range is nearest to the reading; where none is near enough a ray still hits nothing."""
     names = ("range_m", "hit", "semantic", "instance", "incidence_rad")
     of_scan = {name: np.array(getattr(scan, name)) for name in names}
-    read_m, hit, range_m = np.asarray(measured.range_m), np.asarray(scan.hit), np.asarray(scan.range_m)
+    read_m, range_m = np.asarray(measured.range_m), np.asarray(scan.range_m)
+    hit = np.asarray(scan.hit)
     alone = np.nonzero(np.asarray(measured.valid) & ~hit)
     frame, row, column = alone
     nearest_m = np.full(len(frame), np.inf)
