@@ -65,6 +65,7 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
         "drawn": verdict["nulls"],
         "ranking": [[rank["name"], rank["gain"]] for rank in verdict["ranking"][:5]],
         "gains": {one["name"]: one["gain"]["value"] for one in verdict["effects"]},
+        "p_values": {one["name"]: one["p_value"] for one in verdict["effects"]},
         **_gap(result.verdict.gap, result.verdict.closure),
         "known": _gap(*judge_known(comparison, true_effects(key, comparison))) if right else None,
     }

@@ -14,6 +14,7 @@ from benchmarks.blind.plan import DEVELOPMENT, Counts, Job, Settings, plan
 from benchmarks.blind.rivals import RIVALS, best_covariate, judge_rival
 from benchmarks.blind.rows import append_row, check_settings, read_rows, run_cases
 from benchmarks.blind.tables import closures, summary, wilson
+from jaxsim.discover.rules import RULES
 
 pytestmark = pytest.mark.long
 
@@ -41,6 +42,12 @@ def test_the_slice_names_what_is_hidden_and_nothing_else(slice_rows):
     assert slice_rows["range_walk"]["in_set"]
     assert slice_rows["none"]["right"]
     assert not slice_rows["outside:azimuth_periodic_drop"]["false_names"]
+
+
+def test_rows_keep_how_certain_each_name_was(slice_rows):
+    for row in slice_rows.values():
+        assert list(row["p_values"]) == list(row["gains"]) == row["answer"]
+        assert all(0 < p <= RULES.agreement_level for p in row["p_values"].values())
 
 
 def test_the_true_effect_shrinks_the_gap_as_the_named_one_does(slice_rows):
