@@ -22,7 +22,7 @@ __all__ = ["COMMANDS", "MODES", "main", "stop_on_error"]
 
 def main(argv: list[str] | None = None) -> None:
     """Runs the command that `argv` (by default the console's words) names; the console script enters here."""
-    # At its end Python looks for garbage among all that JAX made, for up to half a second; the process is over anyway.
+    # At its end Python looks for garbage among all that JAX made, though the process is over anyway.
     atexit.register(gc.freeze)
     words = without_quiet(sys.argv[1:] if argv is None else argv)
     with stop_on_error():

@@ -50,7 +50,7 @@ def test_help_prints_a_line_a_command(capsys):
 
 
 def test_at_its_end_a_command_looks_for_no_garbage():
-    """Among all that JAX made that takes up to half a second."""
+    """Among all that JAX made that takes its time."""
     told = "import atexit, gc; from jaxsim.cli import main; atexit.register(lambda: print(gc.get_freeze_count() > 0))"
     ended = [sys.executable, "-c", f"{told}; main(['--version'])"]
     assert subprocess.run(ended, check=True, capture_output=True, text=True).stdout.splitlines()[-1] == "True"
