@@ -15,7 +15,7 @@ from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.doubts import DENIED, NO_DOUBTS, SHOWN_BY, SHOWN_ELSEWHERE, Doubts
 from jaxsim.discover.name.null_draws import draw_nulls
-from jaxsim.discover.name.other_sides import CONTROL, OtherSides
+from jaxsim.discover.name.other_sides import CONTROL
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, add_steps, choose, step_along, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
@@ -112,7 +112,7 @@ def name_effects(
         choice = add_steps(null, catalogue, (step,), bars=choice.bars, refuse=refuse, log=log)
         answer = decided(choice, but=unasked)
     # The strongest may be found elsewhere and the next one not: curves are struck off one by one.
-    while answer.curve and (why := _elsewhere(doubts.others, answer.choice.problem, answer.curve)):
+    while answer.curve and (why := doubts.against_curve(*answer.curve, answer.choice.problem)):
         passed.append(((answer.curve[0].channel, answer.curve[0].covariate), why))
         log(f"{curve_in_words(passed[-1][0])}, not said: {why}")
         # Effects that say less than what the simulator lacks by itself are part of that.
@@ -125,11 +125,6 @@ def name_effects(
         unasked=(*unasked, *(along for along, _ in passed)),
         elsewhere=(*effects, *((curve_in_words(along), why) for along, why in passed)),
     )
-
-
-def _elsewhere(others: Sequence[Callable[[], OtherSides]], problem: Problem, curve: FreeCurve) -> str:
-    """Why a free curve that was fitted to a problem is not said; empty where no other sides show it."""
-    return next((sides.why for other in others if (sides := other()).has_curve(problem, *curve)), "")
 
 
 def without_curve(answer: Answer) -> Answer:

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
+from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.each_class import denied_without, shown_below, shown_by
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, looks_like_chance
 from jaxsim.discover.name.select import FittedStep
@@ -51,9 +53,17 @@ class Doubts:
         # The first decides: what is asked later is not asked any more.
         return next(self._reasons(step, beside, null), "")
 
+    def against_curve(self, along: Dependence, curve: Candidate, problem: Problem) -> str:
+        """Why a free curve that was fitted to a problem is not said; empty where no other sides show it."""
+        asked = self._others(by_chance=along.channel == "drop")
+        return next((sides.why for other in asked if (sides := other()).has_curve(problem, along, curve)), "")
+
+    def _others(self, *, by_chance: bool) -> Sequence[Callable[[], OtherSides]]:
+        return (self.exchanged, *self.others) if self.exchanged and by_chance else self.others
+
     def _reasons(self, step: FittedStep, beside: Problem, null: Problem) -> Iterator[str]:
         effect = step.chosen.effect
-        asked = (self.exchanged, *self.others) if self.exchanged and looks_like_chance(effect) else self.others
+        asked = self._others(by_chance=looks_like_chance(effect))
         yield from (sides.why for other in asked if (sides := other()).has(step, null))
         if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
             yield SCARCE
@@ -67,7 +77,8 @@ class Doubts:
             yield f"{SHOWN_BY} {alone}"
         if shown_below(step, beside):
             yield OF_POSTS
-        if self.may_never_act(step, beside):
+        # Of a rare event most scenes say nothing, and an interval over scenes holds never.
+        if not step.chosen.sudden and self.may_never_act(step, beside):
             yield RARELY_IF_EVER
 
 

@@ -17,7 +17,7 @@ these are exchanged too, in all channels, the measured frames cast to where the 
 
 What lets beams through, crowns and fences, a beam meets by chance: two readings of it differ at depth steps in ranges
 and returns, be the simulator without any noise, and before the sky as often one as the other meets nothing. So effects
-of depth steps, and losses, are always asked.
+of depth steps, and losses, be they an effect or a free curve, are always asked.
 
 Of intensities of one moment this is a fair question only where both sides know how bright each surface is. A simulator
 that has a table of reflectances lacks what surfaces have of their own, and that alone makes its readings regress once
@@ -132,7 +132,8 @@ class OtherSides:
 
     def has_curve(self, there: Problem, along: Dependence, curve: Candidate) -> bool:
         """Whether a free curve that was fitted to the problem `there` is found here as well."""
-        if along.channel not in self.channels:
+        channels = self.channels | {"drop"}
+        if along.channel not in channels:
             return False
         name = along.covariate
         known = values_along(there, name)
@@ -145,7 +146,7 @@ class OtherSides:
         effect = CURVES[along.change]
         unit = np.zeros_like(fits[0])
         unit[0] = 1.0
-        return self.shows(effect, {"height": unit}, curve, there=there, here=problem, channels=self.channels)
+        return self.shows(effect, {"height": unit}, curve, there=there, here=problem, channels=channels)
 
 
 def goes_by_steps(effect: Law) -> bool:

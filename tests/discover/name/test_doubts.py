@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.name import doubts
 from jaxsim.discover.name.answer import name_effects
@@ -47,6 +48,13 @@ def test_exchanged_sides_are_asked_of_depth_steps_whatever_the_simulator(name, w
     assert held.against(step(candidate(name, 9, "range")), problem(), null=problem()) == why
 
 
+@pytest.mark.parametrize(("channel", "why"), [("drop", EXCHANGED), ("intensity", "")])
+def test_exchanged_sides_are_asked_of_curves_of_losses_whatever_the_simulator(channel, why):
+    held = Doubts(exchanged=lambda: showing(why=EXCHANGED, all_curves=True))
+    along = Dependence(channel, "class", 1.0, 0.0, 0.0)
+    assert held.against_curve(along, candidate("curve", 9, channel), problem()) == why
+
+
 @pytest.mark.usefixtures("no_class")
 def test_the_first_reason_decides_and_later_ones_are_not_asked():
     def later():
@@ -69,6 +77,13 @@ def test_what_may_never_act_is_not_said(never, why):
     glare = step(candidate("blooming", 9, "range"))
     held = Doubts(may_never_act=lambda step, beside: never)
     assert held.against(glare, problem(), null=problem()) == why
+
+
+@pytest.mark.usefixtures("no_class")
+def test_a_rare_event_may_be_in_few_scenes():
+    rare = step(candidate("packet_loss", [40, 30, 20, *[0] * 8], "drop"))
+    held = Doubts(may_never_act=lambda step, beside: True)
+    assert held.against(rare, problem(), null=problem()) == ""
 
 
 def test_classes_are_told_by_name(monkeypatch):

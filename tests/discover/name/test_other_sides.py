@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from jaxsim.discover import discover
+from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.mounting import brought_back, place_mounting
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.other_sides import OtherSides, alike, clearly_more
 from jaxsim.discover.name.select import fitted_step
+from jaxsim.discover.name.unexplained import free_curves
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import get_effect, scan_of
@@ -160,8 +162,9 @@ def test_what_beams_meet_by_chance_is_asked_of_a_simulator_without_noise_too(our
     assert exchanged.has(step, exchanged.null.problem) == found
 
 
-def crowns(ours: float) -> Comparison:
-    """Streets below crowns before the sky, of which the sensor's rays meet half, and the simulator's a share."""
+def crowns(ours: float, *, noise=(NOISE, NOISE)) -> Comparison:
+    """Streets below crowns before the sky, of which the sensor's rays meet half, and the simulator's a share; with the
+    noise of simulation and measurement."""
     rng = np.random.default_rng(8)
     images, more, measured = [], [], []
     for k in range(FRAMES):
@@ -174,9 +177,9 @@ def crowns(ours: float) -> Comparison:
             "semantic": np.where(crown, 21, frame["semantic"]),
         }
         both = [frame | {"hit": frame["hit"] | (crown & (rng.random(crown.shape) < share))} for share in (ours, 0.5)]
-        images.append(PolarImage(*map(_as_read, disturbed(both[0], rng, **NOISE))))
+        images.append(PolarImage(*map(_as_read, disturbed(both[0], rng, **noise[0]))))
         more.append({"semantic": frame["semantic"], "incidence": frame["incidence"].astype("f4")})
-        measured.append([*map(_as_read, disturbed(both[1], rng, **NOISE))])
+        measured.append([*map(_as_read, disturbed(both[1], rng, **noise[1]))])
     names = tuple(f"{k:03d}" for k in range(FRAMES))
     return Comparison(
         scan_of(grid(), images, more), Measured(*map(np.stack, zip(*measured, strict=True))), names, names
@@ -192,6 +195,18 @@ def test_leaves_that_each_side_meets_by_chance_are_no_loss_of_the_sensor(ours, f
     exchanged, step = asked(crowns(ours), "material_dropout")
     assert step.chosen.total > 10
     assert exchanged.has(step, exchanged.null.problem) == found
+
+
+@pytest.mark.parametrize(("ours", "found"), [(0.5, True), (1.0, False)])
+def test_nor_are_they_a_curve_of_losses_beside_a_simulator_without_noise(ours, found):
+    comparison = crowns(ours, noise=({}, NOISE | {"loss": 0.0}))
+    null = NullModel.of(Division.of(comparison))
+    by_class = [Dependence("drop", "class", 1.0, 0.0, 0.0)]
+    [(along, curve)] = [pair for pair in free_curves(null.problem, by_class) if pair[0].covariate == "class"]
+    exchanged = OtherSides.exchanged(comparison, null)
+    assert "drop" not in exchanged.channels
+    assert curve.total > 10
+    assert exchanged.has_curve(null.problem, along, curve) == found
 
 
 def test_rays_that_the_sensor_alone_loses_are_its_own():
