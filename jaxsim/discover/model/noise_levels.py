@@ -54,13 +54,14 @@ def lattice_step(values: Float[np.ndarray, " n"], *, finest: float) -> float:
 
 
 def _refined(x: np.ndarray, step: float) -> float:
-    """Least squares of the values on their multiples, from coarse values to all."""
+    """Least squares of sorted values on their multiples, from coarse values to all."""
     # From small multiples on: a step that is a little off would count large values to the wrong one.
     for reach in (20, 200, 2000, 20000):
-        k = np.round(x / step)
-        few = (k > 0) & (k <= reach)
-        if few.any():
-            step = float((x[few] @ k[few]) / (k[few] @ k[few]))
+        few = x[np.searchsorted(x, step / 4) : np.searchsorted(x, (reach + 1) * step)]
+        k = np.round(few / step)
+        counts = slice(np.searchsorted(k, 0, "right"), np.searchsorted(k, reach, "right"))
+        if k[counts].any():
+            step = float((few[counts] @ k[counts]) / (k[counts] @ k[counts]))
     return step
 
 

@@ -7,11 +7,12 @@ z = (value - neutral) / scale, float32, a dict of the fitted parameters by name:
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects import Law, Parameter
 from jaxsim.frame import Array
@@ -91,10 +92,16 @@ def restorer(tree: Any) -> Callable[[Float[np.ndarray, " n"]], Any]:
     leaves, form = jax.tree.flatten(tree)
     shapes = [np.shape(leaf) for leaf in leaves]
     ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
+    return partial(_restored, form=form, shapes=shapes, ends=ends)
 
-    def restore(x: Float[np.ndarray, " n"]) -> Any:
-        # SciPy climbs in float64, the compiled likelihood takes float32.
-        x = np.asarray(x, np.float32)
-        return form.unflatten([x[ends[k] : ends[k + 1]].reshape(shape) for k, shape in enumerate(shapes)])
 
-    return restore
+def _restored(
+    x: Float[np.ndarray, " n"],
+    *,
+    form: jax.tree_util.PyTreeDef,
+    shapes: list[tuple[int, ...]],
+    ends: Int[np.ndarray, " m"],
+) -> Any:
+    # SciPy climbs in float64, the compiled likelihood takes float32.
+    x = np.asarray(x, np.float32)
+    return form.unflatten([x[ends[k] : ends[k + 1]].reshape(shape) for k, shape in enumerate(shapes)])
