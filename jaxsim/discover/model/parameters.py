@@ -98,7 +98,7 @@ def restorer(tree: Any) -> Callable[[Float[np.ndarray, " n"]], Any]:
 def _restored(
     x: Float[np.ndarray, " n"],
     *,
-    form: jax.tree_util.PyTreeDef,
+    form: Any,
     shapes: list[tuple[int, ...]],
     ends: Int[np.ndarray, " m"],
 ) -> Any:
