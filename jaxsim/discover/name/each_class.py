@@ -3,8 +3,9 @@
 A simulated street may have flat soil where the real one undulates, and solid crowns where real ones are of leaves. What
 that does to readings can look like an effect of a sensor, as noise that grows while echoes weaken does. But a sensor
 does the same to every surface. So without the class that says most for an effect the others may say little of it, and
-must not clearly speak against it. And where a class's surfaces are seen to be others on the two sides, what else they
-show of ranges and losses must be shown by others as well; so must glare by other rays than a post can meet.
+must not clearly speak against it: neither lose by it, nor gain far less than they would if it were there. And where a
+class's surfaces are seen to be others on the two sides, what else they show of ranges and losses must be shown by
+others as well; so must glare by other rays than a post can meet.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.evidence import Evidence, near_enough
-from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, of_bright, score_at, score_columns
+from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, of_bright, on_top, score_at, score_columns
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import reweighted
 from jaxsim.discover.model.parameters import host_values
@@ -32,22 +33,57 @@ def denied_without(step: FittedStep, problem: Problem) -> str:
     """The class without whose surfaces all others clearly speak against an effect that was fitted to a problem, by
     name; empty where there is none, and of effects that move or turn rays: these meet other surfaces, of any class.
     Of a lattice, too, which all readings tell beside the likelihood of single rays (`likelihood.rounding_gain`)."""
-    effect, result = step.chosen.effect, step.fit
+    effect = step.chosen.effect
     if effect.casts or effect.name in FINEST:
         return ""
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
     kinds, counts = np.unique(semantic[hit], return_counts=True)
     shares = counts / max(counts.sum(), 1)
+    twice = once_more(step, problem)
     for kind in kinds[(shares >= RULES.class_least_share) & (shares <= 1 - RULES.class_least_share)]:
         rest = replace(problem, ev=leaving_out(problem.ev, semantic == kind))
-        with_effect = score_at(effect, rest, z=result.z, noise=result.noise)
-        without = score_at(NOTHING, rest, z={}, noise=problem.noise)
-        if (with_effect - without)[:, score_columns(effect)].sum() >= 0:
-            continue
-        lost = clipped(-gained(step, rest))
-        if lost.sum() > RULES.bar_nats and p_value(lost) <= RULES.denied_level:
+        more = replace(problem, ev=leaving_out(twice, semantic == kind))
+        if _lose(step, rest) or _fall_short(step, rest, more):
             return NAMES[int(kind)]
     return ""
+
+
+def once_more(step: FittedStep, problem: Problem) -> Evidence:
+    """The evidence with what an effect does to intensities added to those that were measured. What it gains there more
+    is twice what it gains on average where it is as it was fitted: y -> y·e - e²/2, in units of the noise."""
+    placed = on_top(step.chosen.effect, problem, step.fit.z).ev.rays
+    change = jnp.asarray(placed.log_intensity) - jnp.asarray(problem.ev.rays.log_intensity)
+    return replace(problem.ev, log_intensity=problem.ev.log_intensity + change)
+
+
+def _lose(step: FittedStep, rest: Problem) -> bool:
+    """Whether scenes agree that a part of the rays loses by an effect."""
+    # A look at the fit as it is costs little, and mostly decides.
+    if as_fitted(step, rest).sum() >= 0:
+        return False
+    lost = clipped(-gained(step, rest))
+    return bool(lost.sum() > RULES.bar_nats and p_value(lost) <= RULES.denied_level)
+
+
+def _fall_short(step: FittedStep, rest: Problem, more: Problem) -> bool:
+    """Whether a part of the rays gains far less by an effect than it would if that were there; `more` has it once more
+    (`once_more`)."""
+    for gains in (as_fitted, gained):
+        by_scene = gains(step, rest)
+        due = float((gains(step, more) - by_scene).sum()) / 2
+        got = float(clipped(by_scene).sum())
+        # A gain of y·e - e²/2 has a variance of e², twice its mean.
+        if due <= 0 or got > RULES.denied_share * due or due - got < RULES.denied_sds * np.sqrt(2 * due):
+            return False
+    return True
+
+
+def as_fitted(step: FittedStep, rest: Problem) -> Float[np.ndarray, " s"]:
+    """What an effect gains in each scene of a part of the rays, nats, with the noise of all of them."""
+    effect, result = step.chosen.effect, step.fit
+    with_effect = score_at(effect, rest, z=result.z, noise=result.noise)
+    without = score_at(NOTHING, rest, z={}, noise=rest.noise)
+    return rest.ev.by_scene((with_effect - without)[:, score_columns(effect)].sum(-1))
 
 
 def shown_by(step: FittedStep, problem: Problem, classes: Sequence[int]) -> str:
