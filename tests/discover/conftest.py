@@ -15,6 +15,7 @@ from jaxsim.discover.read import Comparison
 from jaxsim.discover.regimes.find import Divided, find_regimes
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
+from tests.discover.few_rays import looking_at_half
 from tests.discover.toy import FAR_M, device, toy
 from tests.quick import quickly_compiled
 
@@ -32,6 +33,13 @@ def programs(request: pytest.FixtureRequest):
     """Compiles what fits toys quickly."""
     if request.path.relative_to(Path(__file__).parent).as_posix() not in LARGE:
         request.getfixturevalue("quick_programs")
+
+
+@pytest.fixture(scope="module")
+def few_rays():
+    """Fits look at half as many rays as usual."""
+    with looking_at_half():
+        yield
 
 
 @pytest.fixture(scope="module")
