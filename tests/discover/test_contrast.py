@@ -18,7 +18,7 @@ from jaxsim.discover.read import Comparison
 from jaxsim.effects import EFFECTS
 from tests.discover.noisy_street import ROWS, TEXTURE, comparison
 
-pytestmark = pytest.mark.usefixtures("standard_promotion")
+pytestmark = pytest.mark.usefixtures("few_rays", "standard_promotion")
 NOISE = {"share": 0.03, "range_m": 0.01}
 MADE_UP = 0.25
 """Standard deviation of what a simulator makes up of ln I, in patches of cells."""
@@ -55,13 +55,13 @@ def nothing(null: NullModel) -> Choice:
 
 
 @pytest.fixture(scope="module")
-def follows(standard_promotion) -> NullModel:
+def follows(few_rays, standard_promotion) -> NullModel:
     """Of a sensor that follows the simulator."""
     return null_of(sides())
 
 
 @pytest.fixture(scope="module")
-def made_up(standard_promotion) -> tuple[NullModel, NullModel]:
+def made_up(few_rays, standard_promotion) -> tuple[NullModel, NullModel]:
     """Of a simulator that makes something up; and with free contrast."""
     of = sides(made_up=MADE_UP)
     return null_of(of), null_of(of, free=True)
@@ -107,6 +107,7 @@ def test_what_a_simulator_makes_up_is_no_gamma(made_up):
 
 
 @pytest.mark.long
+@pytest.mark.slow  # The test above says the same of more that is made up.
 def test_what_tables_have_wrong_of_things_within_a_class_is_no_gamma():
     gamma, null = EFFECTS["gamma_response"], null_of(sides(made_up=USUAL))
     assert choose(as_said(null.problem), [gamma]).steps
