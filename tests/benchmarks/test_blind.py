@@ -15,7 +15,7 @@ from benchmarks.blind.rivals import RIVALS, best_covariate, judge_rival
 from benchmarks.blind.rows import append_row, check_settings, read_rows, run_cases
 from benchmarks.blind.tables import closures, summary, wilson
 from jaxsim.discover.rules import RULES
-from tests.discover.few_rays import looking_at_half
+from tests.discover.few_rays import looking_at
 
 pytestmark = pytest.mark.long
 
@@ -28,7 +28,7 @@ WALK, OUTSIDE = Job("range_walk", 8.0, "default", 0), Job("outside:azimuth_perio
 @pytest.fixture(scope="module")
 def slice_rows(tmp_path_factory, standard_promotion):
     folder = tmp_path_factory.mktemp("slice")
-    with looking_at_half():
+    with looking_at(1 / 2):
         return {job.effect: run_case(job, SMALL, folder, effects=CANDIDATES) for job in SLICE}
 
 

@@ -10,8 +10,8 @@ from jaxsim.discover.model.cast import blocks
 
 
 @contextmanager
-def looking_at_half() -> Iterator[None]:
-    """Divisions look at half as many rays as they usually do."""
+def looking_at(share: float) -> Iterator[None]:
+    """Divisions look at this share of the rays that they usually do."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(division, "blocks", lambda *of, rays: blocks(*of, rays=rays // 2))
+        patch.setattr(division, "blocks", lambda *of, rays: blocks(*of, rays=int(share * rays)))
         yield
