@@ -50,13 +50,6 @@ def few_rays_here():
 
 
 @pytest.fixture(scope="module")
-def quarter_of_rays():
-    """Fits look at a quarter of as many rays as usual: of toys at nearly half of their own."""
-    with looking_at(1 / 4):
-        yield
-
-
-@pytest.fixture(scope="module")
 def evidence() -> Evidence:
     scan, measured = toy()
     frames = np.arange(6)
