@@ -23,7 +23,7 @@ FRAMES = 12
 
 
 @pytest.fixture(scope="module")
-def shown(quarter_of_rays, standard_promotion):
+def shown(standard_promotion):
     scan, measured = toy(FRAMES)
     names = tuple(f"frame {k}" for k in range(FRAMES))
     division = Division.of(Comparison(scan, measured, names, names))
