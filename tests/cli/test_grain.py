@@ -35,17 +35,23 @@ def work(tmp_path_factory) -> Path:
     return work
 
 
-@pytest.fixture
-def simulate(work, monkeypatch):
+@pytest.fixture(scope="module")
+def simulate(work):
     """Draws the run's two validation frames to a folder; their intensities."""
-    monkeypatch.chdir(work)
 
     def call(out: str, *flags: str) -> np.ndarray:
-        main(["simulate", "runs/unet", "--out", out, "--formats", "bin", "--previews", "0", "--draws", *flags])
-        _, names = read_grid(Path(out) / "polar")
-        return np.stack([read_frame(Path(out) / "polar", name)[0].intensity for name in sorted(names)])
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(work)
+            main(["simulate", "runs/unet", "--out", out, "--formats", "bin", "--previews", "0", "--draws", *flags])
+        _, names = read_grid(work / out / "polar")
+        return np.stack([read_frame(work / out / "polar", name)[0].intensity for name in sorted(names)])
 
     return call
+
+
+@pytest.fixture(scope="module")
+def first(simulate) -> np.ndarray:
+    return simulate("first")
 
 
 def test_a_training_leaves_the_grain_of_its_validation_frames(work):
@@ -68,17 +74,15 @@ def test_the_command_learns_what_the_training_did_and_shows_it(work, monkeypatch
     main(["grain", "runs/unet"])
 
 
-def test_draws_of_a_seed_are_the_same_and_those_of_another_or_without_grain_are_not(simulate):
-    first = simulate("first")
+def test_draws_of_a_seed_are_the_same_and_those_of_another_or_without_grain_are_not(simulate, first):
     np.testing.assert_array_equal(first, simulate("again"))
     assert (first != simulate("other", "--seed", "1")).mean() > 0.1
     assert (first != simulate("single", "--no-grain")).mean() > 0.1
 
 
-def test_draws_of_one_kind_do_not_go_on_in_the_folder_of_another(simulate):
-    simulate("one")
+def test_draws_of_one_kind_do_not_go_on_in_the_folder_of_another(simulate, first):
     with pytest.raises(SystemExit, match=r"data was synthetic, drawn, grain [0-9a-f]{8}, now synthetic, drawn\)"):
-        simulate("one", "--no-grain")
+        simulate("first", "--no-grain")
 
 
 def test_a_run_of_before_is_told_what_to_do_and_draws_cells_alone(simulate, work):

@@ -15,6 +15,7 @@ from jaxsim.discover.read import Comparison
 from jaxsim.discover.regimes.find import Divided, find_regimes
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
+from tests.discover.few_rays import looking_at
 from tests.discover.toy import FAR_M, device, toy
 from tests.quick import quickly_compiled
 
@@ -32,6 +33,20 @@ def programs(request: pytest.FixtureRequest):
     """Compiles what fits toys quickly."""
     if request.path.relative_to(Path(__file__).parent).as_posix() not in LARGE:
         request.getfixturevalue("quick_programs")
+
+
+@pytest.fixture(scope="module")
+def few_rays():
+    """Fits look at half as many rays as usual."""
+    with looking_at(1 / 2):
+        yield
+
+
+@pytest.fixture
+def few_rays_here():
+    """The same for one test of a file whose others need all."""
+    with looking_at(1 / 2):
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +75,13 @@ def stages() -> Stages:
     names = tuple(f"{k:02d}" for k in range(STREETS))
     catalogue = [get_effect(name) for name in ("range_offset", "incidence_cosine")]
     known = SensorModel((("random_dropout", {"probability": 0.01}),))
-    # For the session, which `standard_promotion` is not for.
-    with quickly_compiled(), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+    # For the session, which `standard_promotion` is not for. Ranges are wrong by four standard deviations: few show it.
+    with (
+        looking_at(1 / 4),
+        quickly_compiled(),
+        jax.numpy_dtype_promotion("standard"),
+        jax.numpy_rank_promotion("allow"),
+    ):
         placed = place(Comparison(scan, measured, names, names), catalogue, known, log=lambda line: None)
         asked = ask(placed, nulls=0, log=lambda line: None)
         divided = find_regimes(placed.found.null, asked.answer, without=asked.without, log=lambda line: None)

@@ -1,5 +1,7 @@
 """Rooms with flat floors and walls, cast exactly from any place: what a registration is tried on."""
 
+from functools import cache
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -64,10 +66,16 @@ def registered(ours, theirs, names) -> Registration:
 
 
 def comparison(poses, **more) -> Comparison:
+    """Rooms that are seen from these poses, and registered: once, whichever tests ask for them."""
+    poses = np.broadcast_to(np.asarray(poses, float), (len(NAMES), 6))
+    return _compared(tuple(map(tuple, poses.tolist())), **more)
+
+
+@cache
+def _compared(poses: tuple[tuple[float, ...], ...], **more) -> Comparison:
     rng = np.random.default_rng(2)
     streets = rooms(len(NAMES))
     ours = [seen(room) for room in streets]
-    poses = np.broadcast_to(poses, (len(NAMES), 6))
     theirs = [seen(r, p, noise_m=0.02, rng=rng, **more) for r, p in zip(streets, poses, strict=True)]
     scan = scan_of(GRID, ours)
     return Comparison(scan, measured_of(theirs), NAMES, NAMES, registration=registered(ours, theirs, NAMES))

@@ -48,7 +48,12 @@ def weak(azimuth, elevation, intensity):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("scenes", "drives"), [(("drive",), "1 drive"), (("a", "b", "c"), "3 drives")])
+@pytest.mark.usefixtures("few_rays_here")
+# Of a single drive the mast below shows as much.
+@pytest.mark.parametrize(
+    ("scenes", "drives"),
+    [pytest.param(("drive",), "1 drive", marks=pytest.mark.slow), (("a", "b", "c"), "3 drives")],
+)
 def test_a_hidden_sector_of_few_drives_is_found_and_known_to_what_comes_after(scenes, drives):
     found = asked(drive(hidden, scenes))
     [one] = found.effects
@@ -61,14 +66,18 @@ def test_a_hidden_sector_of_few_drives_is_found_and_known_to_what_comes_after(sc
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("few_rays_here")
 def test_a_mast_that_is_narrower_than_the_steps_between_columns_is_found_with_its_borders():
     """Three columns of 480: most frames look at none of them."""
 
     def mast(azimuth, elevation, intensity):
         return (np.abs(azimuth - 1.0) < 0.021) & (elevation < 9) & (intensity >= 0)
 
-    [one] = asked(drive(mast)).effects
-    assert one.name == "sector_occlusion"
+    found = asked(drive(mast))
+    [one] = found.effects
+    assert (one.name, found.pieces) == ("sector_occlusion", RULES.sectors)
+    assert f"found by {RULES.sectors} pieces of 1 drive" in found.how
+    assert [name for name, _ in found.known.effects] == ["sector_occlusion"]
     assert one.parameters["azimuth_rad"].value == pytest.approx(1.0, abs=0.01)
     assert one.parameters["width_rad"].value == pytest.approx(0.042, abs=0.02)
 
@@ -81,6 +90,7 @@ def test_pieces_are_of_consecutive_frames_of_a_drive_and_about_as_many_however_m
 
 @pytest.mark.long
 def test_what_goes_by_echoes_is_not_taken_for_a_direction():
+    """Asked of all rays: in half of them no effect of a direction would stand in for it alone."""
     assert not asked(drive(weak)).effects
 
 

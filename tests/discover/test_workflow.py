@@ -22,7 +22,7 @@ from jaxsim.effects import EFFECTS, scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarImage
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("few_rays")]
 
 FEW = ("beam_gain", "range_falloff", "incidence_cosine", "random_dropout", "beam_range_bias", "extrinsic_rotation")
 """Candidates of the small form; the slow one takes the whole catalogue."""
@@ -31,7 +31,7 @@ SMALL = {"scenes": 12, "rows": 24, "columns": 192, "nuisance": "exact"}
 
 
 @pytest.fixture(scope="module")
-def gains(tmp_path_factory, standard_promotion):
+def gains(tmp_path_factory, few_rays, standard_promotion):
     folder = tmp_path_factory.mktemp("hidden") / "case"
     key = make_case(folder, effect="beam_gain", severity=6.0, seed=11, **SMALL)
     both = {"simulated": folder / "simulated", "measured": folder / "measured"}

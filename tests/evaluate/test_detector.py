@@ -1,6 +1,7 @@
 """What a detector found, scored by KITTI's rules."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -102,12 +103,17 @@ def test_voxels_left_out_are_told(capsys):
     assert "left out; raise --max-voxels\n" in capsys.readouterr().out
 
 
+@cache
+def rendered():
+    """A frame of the embedded world."""
+    return SyntheticWorld(columns=200, image_size=(94, 311))[0]
+
+
 class TwoFrames:
-    """Frames of the embedded world, the second without labels."""
+    """A frame twice, the second time without labels."""
 
     def __getitem__(self, i):
-        frame = SyntheticWorld(columns=200)[i]
-        return replace(frame, boxes=None) if i else frame
+        return replace(rendered(), boxes=None) if i else rendered()
 
     def name_of(self, i):
         return str(i)

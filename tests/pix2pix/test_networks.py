@@ -117,7 +117,7 @@ def test_discriminator_layers_are_the_published_ones():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("enhancers", [0, 1, 2])
+@pytest.mark.parametrize("enhancers", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
 def test_image_has_the_size_of_the_inputs(enhancers):
     config = GeneratorConfig(filters=8, downsamples=1, blocks=1, enhancers=enhancers, enhancer_blocks=1, out_channels=2)
     image = quick_jit(lambda: Generator(config, 3, nnx.Rngs(0))(jnp.ones((2, 16, 32, 3))))()

@@ -22,6 +22,7 @@ from jaxsim.discover.name.doubts import (
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.effects import EFFECTS
 from tests.discover import noisy_street
+from tests.discover.few_rays import looking_at
 from tests.discover.name.made import candidate, problem, showing, step
 
 
@@ -106,7 +107,8 @@ def test_false_returns_are_said_where_they_are_more_than_thin_things_make(share,
     rng = np.random.default_rng(2)
     false = rng.random(of.measured.valid.shape) < share
     early = np.where(false, rng.uniform(0.1, 0.9, false.shape), 1) * of.measured.range_m
-    null = NullModel.of(Division.of(replace(of, measured=replace(of.measured, range_m=early.astype(np.float32)))))
+    with looking_at(1 / 2 if said else 1):  # what is refused is just found in all rays
+        null = NullModel.of(Division.of(replace(of, measured=replace(of.measured, range_m=early.astype(np.float32)))))
     told = name_effects(null.problem, [EFFECTS["interference"]], ())
     assert [step.chosen.effect.name for step in told.choice.steps] == ["interference"] * said
     assert told.elsewhere == (() if said else (("interference", SCARCE),))
@@ -119,7 +121,8 @@ def test_what_is_too_small_to_matter_is_not_said(scale, said):
     """Cast and disturbed in plain NumPy: ranges are wrong by a seven-thousandth, or by what is clearly visible."""
     of = noisy_street.comparison({}, {"range_m": 0.01}, 12)
     off = replace(of.measured, range_m=(of.measured.range_m * (1 + scale)).astype(np.float32))
-    null = NullModel.of(Division.of(replace(of, measured=off)))
+    with looking_at(1 / 2 if said else 1):
+        null = NullModel.of(Division.of(replace(of, measured=off)))
     told = name_effects(null.problem, [EFFECTS["range_scale"]], ())
     assert [step.chosen.effect.name for step in told.choice.steps] == ["range_scale"] * said
     assert told.refused_for(NEGLIGIBLE) == (() if said else ("range_scale",))

@@ -1,6 +1,8 @@
 """What surfaces of one class alone do is told from what a sensor does; streets cast and disturbed in plain NumPy."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from tests.discover import noisy_street
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("few_rays", "standard_promotion")]
 
 
 def sides(*classes: int):
@@ -35,29 +37,35 @@ def chosen(comparison):
     return fitted_step(problem, candidate, ranking=(), good=()), problem
 
 
+@pytest.fixture(scope="module")
+def chosen_of(few_rays, standard_promotion) -> Callable:
+    """What is chosen where surfaces of these classes lose rays; several tests ask it of the same streets."""
+    return cache(lambda *names: chosen(sides(*(IDS[name] for name in names))))
+
+
 @pytest.mark.parametrize(("classes", "name"), [(("road", "building"), ""), (("road",), "road")])
-def test_what_one_class_alone_shows_the_others_deny(classes, name):
-    step, problem = chosen(sides(*(IDS[one] for one in classes)))
+def test_what_one_class_alone_shows_the_others_deny(chosen_of, classes, name):
+    step, problem = chosen_of(*classes)
     assert step.chosen.total > RULES.bar_nats
     assert denied_without(step, problem) == name
 
 
 @pytest.mark.parametrize(("classes", "names"), [(("road", "building"), ""), (("building",), "building")])
-def test_what_none_but_surfaces_that_differ_show_is_told_to_be_of_these(classes, names):
-    step, problem = chosen(sides(*(IDS[one] for one in classes)))
+def test_what_none_but_surfaces_that_differ_show_is_told_to_be_of_these(chosen_of, classes, names):
+    step, problem = chosen_of(*classes)
     assert shown_by(step, problem, [IDS["building"]]) == names
     assert shown_by(step, problem, []) == ""
     assert shown_by(step, problem, [IDS["road"], IDS["building"]]) == ""
 
 
-def test_what_turns_rays_is_not_asked_of_single_classes():
-    step, problem = chosen(sides(IDS["building"]))
+def test_what_turns_rays_is_not_asked_of_single_classes(chosen_of):
+    step, problem = chosen_of("building")
     turned = replace(step, chosen=replace(step.chosen, effect=EFFECTS["extrinsic_rotation"]))
     assert denied_without(turned, problem) == shown_by(turned, problem, [IDS["building"]]) == ""
 
 
-def test_a_lattice_is_not_asked_of_single_classes():
-    step, problem = chosen(sides(IDS["road"]))
+def test_a_lattice_is_not_asked_of_single_classes(chosen_of):
+    step, problem = chosen_of("road")
     for name in FINEST:
         lattice = replace(step, chosen=replace(step.chosen, effect=EFFECTS[name]))
         assert denied_without(lattice, problem) == ""
@@ -76,7 +84,7 @@ SIGN = (slice(2, 5), slice(None, None, 8), 6.0)
 """Rows and columns of signs one ray wide, and their range in metres, before what else is there."""
 
 
-def glared(monkeypatch, *, all_round: bool):
+def glared(*, all_round: bool):
     """Streets with signs, beside which the sensor reads some signs' range: in all directions, or straight below."""
     bare = noisy_street.street
 
@@ -88,8 +96,9 @@ def glared(monkeypatch, *, all_round: bool):
         frame["hit"][rows, columns] = True
         return frame
 
-    monkeypatch.setattr(noisy_street, "street", with_signs)
-    both = noisy_street.comparison({}, {"range_m": 0.01}, 12)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(noisy_street, "street", with_signs)
+        both = noisy_street.comparison({}, {"range_m": 0.01}, 12)
     rng = np.random.default_rng(4)
     range_m = both.measured.range_m.copy()
     target = np.zeros(range_m.shape, bool)
@@ -108,17 +117,27 @@ def glared(monkeypatch, *, all_round: bool):
     return fitted_step(problem, candidate, ranking=(), good=()), problem
 
 
-@pytest.mark.parametrize("all_round", [True, False])
-def test_glare_that_is_read_below_signs_alone_is_their_posts(monkeypatch, all_round):
-    step, problem = glared(monkeypatch, all_round=all_round)
+@pytest.fixture(scope="module")
+def all_round(few_rays, standard_promotion):
+    return glared(all_round=True)
+
+
+@pytest.fixture(scope="module")
+def straight_down(few_rays, standard_promotion):
+    return glared(all_round=False)
+
+
+@pytest.mark.parametrize("glare", ["all_round", "straight_down"])
+def test_glare_that_is_read_below_signs_alone_is_their_posts(request, glare):
+    step, problem = request.getfixturevalue(glare)
     assert step.chosen.total > RULES.bar_nats
-    assert shown_below(step, problem) != all_round
+    assert shown_below(step, problem) == (glare == "straight_down")
     other = replace(step, chosen=replace(step.chosen, effect=EFFECTS["mixed_pixels"]))
     assert not shown_below(other, problem)
 
 
-def test_rays_straight_below_a_target_are_those_of_its_columns(monkeypatch):
-    _, problem = glared(monkeypatch, all_round=True)
+def test_rays_straight_below_a_target_are_those_of_its_columns(all_round):
+    _, problem = all_round
     below, rays = straight_below(problem.ev), problem.ev.rays
     lower = np.asarray(rays.elevation_rad) < np.asarray(noisy_street.grid().elevation_rad)[2] - 1e-4
     of_sign = (np.asarray(rays.semantic) == IDS["traffic sign"]).any(-1, keepdims=True)

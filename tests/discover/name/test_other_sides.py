@@ -24,6 +24,8 @@ from tests.discover.rooms import GRID, STILL, measured_of, registered, rooms, se
 
 pytestmark = pytest.mark.long
 
+few_rays = pytest.mark.usefixtures("few_rays_here")
+"""Of what is found in half of them by thrice what it must gain and more; the others need all."""
 FRAMES = 12
 NOISE = {"share": 0.06, "constant": 0.004, "range_m": 0.015, "loss": 0.01}
 NEAR_M = 4.0
@@ -89,6 +91,7 @@ def of_other_moments(*, simulated_m, measured_m) -> Comparison:
 BEAMS_M = np.random.default_rng(1).normal(0, 0.04, len(GRID.elevation_rad))
 
 
+@few_rays
 def test_what_casting_makes_of_beams_that_differ_is_found_with_the_sides_exchanged_too():
     same = of_other_moments(simulated_m=BEAMS_M, measured_m=BEAMS_M)
     assert same.other_moments
@@ -97,12 +100,14 @@ def test_what_casting_makes_of_beams_that_differ_is_found_with_the_sides_exchang
     assert exchanged.has(step, exchanged.null.problem)
 
 
+@few_rays
 def test_beams_that_are_off_on_one_side_are_no_matter_of_casting():
     exchanged, step = asked(of_other_moments(simulated_m=0 * BEAMS_M, measured_m=BEAMS_M), "beam_range_bias")
     assert step.chosen.total > RULES.bar_nats
     assert not exchanged.has(step, exchanged.null.problem)
 
 
+@pytest.mark.slow  # The whole answer below says so of the same streets.
 def test_edges_that_both_sides_mix_are_nothing_that_one_lacks():
     exchanged, step = asked(sides(), "mixed_pixels")
     assert step.chosen.total > 10
@@ -147,12 +152,14 @@ def test_the_answer_is_none_and_a_note_says_what_was_found(standard_promotion):
     assert why["mixed_pixels"] == "with the sides exchanged it is found as well"
 
 
+@few_rays
 def test_what_the_sensor_alone_mixes_is_its_own():
     exchanged, step = asked(sides(mixed=(0.0, 0.15)), "mixed_pixels")
     assert step.chosen.total > 10
     assert not exchanged.has(step, exchanged.null.problem)
 
 
+@few_rays
 @pytest.mark.parametrize(("ours", "found"), [(0.15, True), (0.0, False)])
 def test_what_beams_meet_by_chance_is_asked_of_a_simulator_without_noise_too(ours, found):
     """Crowns and fences, of which each side sees another draw."""
@@ -209,6 +216,7 @@ def test_nor_are_they_a_curve_of_losses_beside_a_simulator_without_noise(ours, f
     assert exchanged.has_curve(null.problem, along, curve) == found
 
 
+@few_rays
 def test_rays_that_the_sensor_alone_loses_are_its_own():
     exchanged, step = asked(sides(loss=0.08), "random_dropout")
     assert step.chosen.total > 10

@@ -18,7 +18,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.report.discovery import write_report
 from tests.discover.name.made import candidate, problem, step
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("few_rays")]
 
 SMALL = {"rows": 24, "columns": 192, "nuisance": "exact"}
 
@@ -30,7 +30,7 @@ def answered(folder, effect, part, seed, scenes, effects):
 
 
 @pytest.fixture(scope="module")
-def sector(tmp_path_factory, standard_promotion):
+def sector(tmp_path_factory, few_rays, standard_promotion):
     folder = tmp_path_factory.mktemp("sector") / "case"
     return answered(folder, "beam_range_bias", "sector", 21, 12, ("beam_range_bias",))
 

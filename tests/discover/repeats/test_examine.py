@@ -23,7 +23,7 @@ from jaxsim.effects.own import known_effects
 from jaxsim.effects.region import Region
 from tests.effects.own import forgetful  # noqa: F401  (a fixture)
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("few_rays", "standard_promotion")]
 FEW = ("range_scale",)
 """A candidate that has nothing to do with it, so that naming takes seconds."""
 ROWS, COLUMNS, PERIODS, SHARE = 24, 192, 16, 0.2
@@ -45,7 +45,7 @@ def rippled(plain):
 
 
 @pytest.fixture(scope="module")
-def answer(rippled, standard_promotion):
+def answer(rippled, few_rays, standard_promotion):
     return discover(rippled, effects=FEW)
 
 
@@ -79,10 +79,13 @@ def test_fed_back_nothing_is_missing(answer, rippled):
     assert not again.verdict.repeats
 
 
-def test_its_formula_becomes_an_effect_of_ones_own(answer, tmp_path, forgetful):  # noqa: F811
+# Of a learned curve tests/cli/test_new_from_verdict.py checks the file everyday.
+@pytest.mark.parametrize("checked", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_its_formula_becomes_an_effect_of_ones_own(answer, tmp_path, checked, forgetful):  # noqa: F811
     verdict = answer.verdict.save(tmp_path)
     main(["effects", "new", "ripple", "--from", str(verdict), "--out", str(tmp_path / "ripple.py")])
-    main(["effects", "check", str(tmp_path / "ripple.py")])
+    if checked:
+        main(["effects", "check", str(tmp_path / "ripple.py")])
     own = known_effects([tmp_path / "ripple.py"])["ripple"]
     assert own.covariates == ("column",)
     assert own.starts[0]["period"] == COLUMNS / PERIODS
