@@ -11,6 +11,7 @@ from jaxsim.data.cityscapes import IDS
 from jaxsim.discover.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.noise_levels import FINEST
+from jaxsim.discover.name import each_class
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.each_class import denied_without, leaving_out, shown_below, shown_by, straight_below
 from jaxsim.discover.name.select import fitted_step
@@ -56,6 +57,21 @@ def test_what_none_but_surfaces_that_differ_show_is_told_to_be_of_these(chosen_o
     assert shown_by(step, problem, [IDS["building"]]) == names
     assert shown_by(step, problem, []) == ""
     assert shown_by(step, problem, [IDS["road"], IDS["building"]]) == ""
+
+
+@pytest.mark.parametrize(("classes", "name"), [(("road", "building"), ""), (("building",), "building")])
+def test_others_that_gain_far_less_than_is_due_speak_against_an_effect(monkeypatch, classes, name):
+    """Intensities of these classes fall off along the range, by numbers that the catalogue knows nothing of."""
+    alike = noisy_street.comparison({}, {"share": 0.06, "constant": 0.004, "range_m": 0.01}, 12)
+    falls = np.isin(np.asarray(alike.scan.semantic), [IDS[one] for one in classes])
+    law = np.where(falls, (np.maximum(alike.measured.range_m, 1) / 10) ** -0.3, 1)
+    intensity = (alike.measured.intensity * law).astype(np.float32)
+    problem = NullModel.of(Division.of(replace(alike, measured=replace(alike.measured, intensity=intensity)))).problem
+    [candidate] = rank_effects(problem, [EFFECTS["range_falloff"]])
+    step = fitted_step(problem, candidate, ranking=(), good=())
+    assert step.chosen.total > RULES.bar_nats
+    monkeypatch.setattr(each_class, "_lose", lambda step, rest: False)
+    assert denied_without(step, problem) == name
 
 
 def test_what_turns_rays_is_not_asked_of_single_classes(chosen_of):
