@@ -32,13 +32,12 @@ def slice_rows(tmp_path_factory, standard_promotion):
         return {job.effect: run_case(job, SMALL, folder, effects=CANDIDATES) for job in SLICE}
 
 
-def is_complete(row):
-    """Whether a row keeps how certain each name was, and what rivals answer from the same fits."""
+def check_complete(row):
+    """Holds that a row keeps how certain each name was, and what rivals answer from the same fits."""
     assert list(row["p_values"]) == list(row["gains"]) == row["answer"]
     assert all(0 < p <= RULES.agreement_level for p in row["p_values"].values())
     assert row["rivals"]["always none"] == []
     assert {name for names in row["rivals"].values() for name in names} <= set(list_effects())
-    return True
 
 
 def test_the_slice_names_what_is_hidden_and_nothing_else(slice_rows):
@@ -48,15 +47,17 @@ def test_the_slice_names_what_is_hidden_and_nothing_else(slice_rows):
 
 @pytest.mark.slow
 def test_what_walks_is_in_the_set_and_what_no_effect_describes_has_no_name(tmp_path, standard_promotion):
-    walk, outside = (run_case(job, SMALL, tmp_path, effects=CANDIDATES) for job in (WALK, OUTSIDE))
+    walk = run_case(WALK, SMALL, tmp_path, effects=CANDIDATES)
+    outside = run_case(OUTSIDE, SMALL, tmp_path, effects=CANDIDATES)
     assert walk["in_set"]
     assert not outside["false_names"]
-    assert is_complete(walk)
-    assert is_complete(outside)
+    check_complete(walk)
+    check_complete(outside)
 
 
 def test_rows_keep_how_certain_each_name_was_and_what_rivals_answer(slice_rows):
-    assert all(is_complete(row) for row in slice_rows.values())
+    for row in slice_rows.values():
+        check_complete(row)
     assert slice_rows["beam_gain"]["rivals"]["held-out likelihood"] == ["beam_gain"]
 
 
