@@ -232,7 +232,7 @@ def _not_said(answer: Answer) -> Iterator[str]:
         yield _found(
             [name],
             f"{_capital(why)}. It is taken for something of these surfaces that the simulator does not know, as soil "
-            "that undulates or crowns that let rays through, and not for the sensor's",
+            "that undulates, glass or crowns that let rays through, and not for the sensor's",
         )
 
 
