@@ -96,9 +96,8 @@ class NameRules:
     """Share of what the others would gain if an effect of the intensity were there up to which they speak against it (a
     judgement, not calibrated) ..."""
     denied_sds: float = 2.5
-    """... if it lies so many standard deviations below that (set on development seeds beside a noisy simulator: without
-    cars, whose glass its table does not know, the others were 3.4 and 3.9 below; for eleven hidden effects of severity
-    2 at most 1.7, whatever class was left out)."""
+    """... if it lies so many standard deviations below that (set on development seeds, of which
+    benchmarks/blind/measured/hidden_noisy_glass tells: cars' glass against hidden effects)."""
     elsewhere_share: float = 0.25
     """Share of its gain that what is found may gain on other sides (`name.other_sides`): what is new loses there (a
     judgement, not calibrated)."""
