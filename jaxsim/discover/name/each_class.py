@@ -39,11 +39,12 @@ def denied_without(step: FittedStep, problem: Problem) -> str:
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
     kinds, counts = np.unique(semantic[hit], return_counts=True)
     shares = counts / max(counts.sum(), 1)
-    twice = once_more(step, problem)
+    bends = "intensity" in effect.channels
+    twice = once_more(step, problem) if bends else problem.ev
     for kind in kinds[(shares >= RULES.class_least_share) & (shares <= 1 - RULES.class_least_share)]:
         rest = replace(problem, ev=leaving_out(problem.ev, semantic == kind))
         more = replace(problem, ev=leaving_out(twice, semantic == kind))
-        if _lose(step, rest) or _fall_short(step, rest, more):
+        if _lose(step, rest) or (bends and _fall_short(step, rest, more)):
             return NAMES[int(kind)]
     return ""
 
