@@ -32,6 +32,9 @@ STEEPEST_SLOPE = 3.0
 JUMP = 0.03
 """... beside a step of this share of 1 / range."""
 
+OTHER_WALL_RAD, OTHER_WALL_SD = 0.2, 6.0
+"""Rays whose angles differ by more than this and so many times their noise see two walls of a corner, or two sides of a
+kerb: ranges hardly tell such surfaces apart, and at the corner they meet."""
 OTHER_MATERIAL, OTHER_MATERIAL_SD = 0.3, 3.0
 """Intensities that differ by more than this share of them and so many times their noise are of other materials."""
 FEWEST_BESIDE = 6.0
@@ -42,6 +45,9 @@ MOST_DETAIL = 1.0
 """Intensities off their surface's are held within this share of it."""
 PLANE_MISFIT = 1.5
 """Scatter about a window's plane over that of noise, up to which it is a plane."""
+MOST_PLANE_SD_RAD = 0.1
+"""Error that noise of the ranges leaves on a plane's angle, up to which it tells one: of a window whose rays lie in one
+column, slopes across it are unknown."""
 MOST_RANGE_LEVERAGE = 0.6
 """Variance of a smooth range over a ray's own, up to which it is taken instead."""
 FARTHEST_SD = 4.0
@@ -66,6 +72,8 @@ class Smoothing:
     """Noise of the ranges."""
     intensity_sd: Float[Array, " 2"]
     """Noise of the intensities: the same for all, and as a share of them."""
+    incidence_sd_rad: Float[Array, ""]
+    """Noise of the angles of incidence."""
     half: int = struct.field(pytree_node=False)
     """Columns to each side that a window has."""
     by_cosine: bool = struct.field(pytree_node=False)
@@ -80,6 +88,7 @@ class Smoothing:
         return cls(
             range_sd_m=np.float32(noise.range_m),
             intensity_sd=np.array([noise.intensity, noise.intensity_share], np.float32),
+            incidence_sd_rad=np.float32(noise.incidence_rad),
             half=int(np.clip(round(REACH_RAD / max(step, 1e-6)), LEAST_HALF, MOST_HALF)),
             by_cosine=noise.follows_cosine,
         )
@@ -151,6 +160,7 @@ def row_window(
     near = (jnp.abs(ratio - 1) < STEEPEST_SLOPE * jnp.abs(turn) + JUMP) | (jnp.abs(ratio - ground) < JUMP)
     alike = (there(scan.semantic) == own(scan.semantic)) & (there(scan.instance) == own(scan.instance))
     angle = there(scan.incidence_rad)
+    parallel = jnp.abs(angle - own(scan.incidence_rad)) < OTHER_WALL_RAD + OTHER_WALL_SD * how.incidence_sd_rad
     cosine = jnp.maximum(jnp.cos(angle), STEEPEST_COSINE) if how.by_cosine else jnp.ones_like(angle)
     level = there(scan.intensity) / cosine
     middle = len(left_by) // 2
@@ -166,7 +176,7 @@ def row_window(
         level=level,
         cosine=cosine,
         angle=angle,
-        same=there(scan.hit) & own(scan.hit) & alike & near & ~unlike & ~beyond,
+        same=there(scan.hit) & own(scan.hit) & alike & near & parallel & ~unlike & ~beyond,
         along=jnp.broadcast_to(jnp.cos(own_e) * forward + jnp.sin(own_e) * jnp.sin(e), ratio.shape),
         left=jnp.broadcast_to(jnp.cos(e) * jnp.sin(turn) / reach, ratio.shape),
         up=jnp.broadcast_to((jnp.cos(own_e) * jnp.sin(e) - jnp.sin(own_e) * forward) / reach, ratio.shape),
@@ -225,13 +235,18 @@ def _smooth_row(scan: Scan, frame: Int[Array, ""], row: Int[Array, ""], *, how: 
     plane = plane & (misfit < PLANE_MISFIT * jnp.maximum(how.range_sd_m * own_q, 1e-4))
     # The plane's normal is (1, u, v) by middle ray, left and up (effects.scan).
     u, v = of_ratio[1] / of_ratio[0] / reach, of_ratio[2] / of_ratio[0] / reach
+    slope_sd = how.range_sd_m * own_q / reach * gram.slope_sd()
+    tilted = plane & (slope_sd / (1 + u**2 + v**2) < MOST_PLANE_SD_RAD)
+    angle = jnp.where(trusted, jnp.clip(of_angle[0], 0, jnp.pi / 2), incidence_rad)
     own_level = window.level[middle]
     albedo = jnp.where(trusted & (albedo > FLOOR), albedo, jnp.maximum(own_level, FLOOR))
     return {
         "range_m": jnp.where(plane, range_m / of_ratio[0], range_m),
         "range_leverage": jnp.where(plane, range_leverage, 1.0),
-        "plane_rad": jnp.where(plane, jnp.arctan(jnp.sqrt(u**2 + v**2)), incidence_rad),
-        "incidence_rad": jnp.where(trusted, jnp.clip(of_angle[0], 0, jnp.pi / 2), incidence_rad),
+        "plane_rad": jnp.where(
+            tilted, jnp.arctan(jnp.sqrt(u**2 + v**2)), jnp.where(how.incidence_sd_rad > 0, angle, incidence_rad)
+        ),
+        "incidence_rad": angle,
         # Not of logarithms, in which noise on dark readings is skewed and larger than it is.
         "detail": jnp.where(scan.hit[frame, row], jnp.clip(own_level / albedo - 1, -MOST_DETAIL, MOST_DETAIL), 0.0),
         "albedo": albedo,
@@ -292,6 +307,10 @@ class _Factored:
             for below in range(k + 1, len(right)):
                 right[k] = right[k] - self.lower[below][k] * right[below]
         return right
+
+    def slope_sd(self) -> Array:
+        """Standard deviation of the second and third coefficients, the larger, where those behind them are known."""
+        return 1 / jnp.sqrt(jnp.minimum(self.diagonal[1], self.diagonal[2]))
 
     def first_variance(self) -> Array:
         """The first diagonal entry of the inverse: the variance of the first coefficient."""
