@@ -252,8 +252,9 @@ def _fields_of_rays(
     given = given_rad[index]
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < RULES.compared_below_rad) & (given < RULES.compared_below_rad)
-    # By what is predicted, free of noise: what was measured, or noise, would choose the brighter of the dark rays.
-    expected = rays.log_intensity - per_ray.over_trend
+    # By what is usual, free of noise: what was measured, or noise of the simulator, would choose the brighter of the
+    # dark rays, and those that are left would seem to fall too steeply with the angle and the range.
+    expected = rays.log_intensity - per_ray.over_usual
     clear = expected > jnp.log(jnp.maximum(darkest, FLOOR))
     compared = rays.hit & returned & near & ~edge & moderate & clear & ~cut & per_ray.trusted
     # Of the logarithm of a reading that noise may halve the mean is off, and its scatter as large as itself.
@@ -262,7 +263,7 @@ def _fields_of_rays(
     level = expected + jnp.nanmedian(jnp.where(seen, log_measured - rays.log_intensity, jnp.nan))
     dark = per_ray.constant * jnp.exp(-level)
     # Such noise of the simulator hides what it means by its dark rays.
-    hidden = per_ray.own_constant * jnp.exp(-jnp.minimum(expected, rays.log_intensity))
+    hidden = per_ray.own_constant * jnp.exp(-expected)
     compared = compared & (dark < RULES.compared_noise) & (hidden < RULES.compared_noise)
     blur = jnp.minimum(dark, RULES.compared_noise) ** 2
     known_variance = per_ray.variance + blur

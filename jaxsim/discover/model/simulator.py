@@ -36,6 +36,9 @@ follows it (a judgement, not calibrated). Its tables have materials, and each th
 beside differences not much larger: that flattens the slope, and is no law of the sensor ..."""
 DETAIL_SD = 1.0
 """... and how much more, or less, than the detail of one with noise, or of free contrast."""
+UNUSUAL = 0.5
+"""Nats by which a surface is clearly darker or brighter than is usual of its class: three times what noise leaves on
+the darkest that are compared (a judgement, not calibrated)."""
 TREND_RAYS = 200_000
 """Rays of all frames by which the trend of classes is told, fewer than twice as many: their noise is then gone ..."""
 TREND_NOISE = 0.3
@@ -164,8 +167,9 @@ class AtRays:
     the trend of all its rays; or what `contrast_of` says, where contrast is left free."""
     excess: Float[Array, "#b #c #r"]
     """What noise adds to ln I, by the best guess."""
-    over_trend: Float[Array, "#b #c #r"]
-    """ln I, as it is then left, over the trend of the surface."""
+    over_usual: Float[Array, "#b #c #r"]
+    """ln I, as it is then left, over what is usual of the class at the ray's angle and range; 0 where it is clearly
+    another than that (UNUSUAL)."""
     variance: Float[Array, "#b #c #r"]
     range_variance: Float[Array, "#b #c #r"]
     trusted: Bool[Array, "#b #c #r"]
@@ -190,7 +194,7 @@ def at_rays(
     simulated = AtRays(
         detail=np.zeros((*np.asarray(index[0]).shape, 0), np.float32),
         excess=nothing,
-        over_trend=nothing,
+        over_usual=nothing,
         variance=nothing,
         range_variance=nothing if ranges is None else NORMAL**2 * np.asarray(ranges.variance)[index],
         # Without noise every ray is trusted.
@@ -225,16 +229,26 @@ def at_rays(
     variance = noise.variance(np.exp(expected)) * np.asarray(intensities.leverage)[index]
     # The same question once more, between surfaces: how much of a surface's own brightness is its noise.
     trust = reliability(over_trend, variance, np.exp(expected), semantic=semantic, where=trusted)
-    still_over = np.log(np.maximum(np.asarray(scan.intensity)[index], FLOOR)) - level + trust * over_trend
+    off = _off_trend(scan, index, given_rad=given_rad, intensities=intensities, noise=noise)
+    excess = (1 - trust) * over_trend - off
+    predicted = np.log(np.maximum(np.asarray(scan.intensity)[index], FLOOR)) - excess
+    usual = predicted.copy()
+    usual[trusted] = class_trend(
+        predicted[trusted],
+        semantic=semantic[trusted],
+        # On the planes through the ranges, whose errors no intensity follows.
+        incidence_rad=np.asarray(scan.incidence_rad)[index][trusted],
+        range_m=np.asarray(scan.range_m)[index][trusted],
+    )
+    over_usual = predicted - usual
     # How far noise hides what is meant differs between bright and dark surfaces.
     dark = noise.constant_part(np.exp(expected))
     own_detail = np.asarray(intensities.detail)[index]
     detail = np.stack([own_detail * (1 - dark), own_detail * dark, over_trend], axis=-1)
-    off = _off_trend(scan, index, given_rad=given_rad, intensities=intensities, noise=noise)
     return replace(
         _with_detail(simulated, np.where(trusted[..., None], detail, 0).astype(np.float32), sd=DETAIL_SD),
-        excess=((1 - trust) * over_trend - off).astype(np.float32),
-        over_trend=still_over.astype(np.float32),
+        excess=excess.astype(np.float32),
+        over_usual=np.where(np.abs(over_usual) < UNUSUAL, over_usual, 0).astype(np.float32),
         # What is not trusted is compared nowhere, and its variance may be without bound.
         variance=np.asarray(intensities.detail_variance)[index]
         + np.multiply(variance, trust, where=trusted, out=np.zeros(variance.shape, np.float32), casting="same_kind"),

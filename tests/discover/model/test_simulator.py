@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -84,15 +86,37 @@ def test_the_trend_is_the_law_of_class_angle_and_range():
 
 
 def test_rays_that_the_simulators_constant_noise_hides_are_not_compared_although_the_sensor_has_none():
-    darkest = []
+    steepest = []
     for noise in ({}, {"constant": 0.008}):
-        division = Division.of(comparison(noise, {}))
-        ev, _ = division.evidence(division.parts.find)
-        predicted = np.exp(np.asarray(ev.rays.log_intensity))[np.asarray(ev.compared)]
-        darkest.append(float(predicted.min()))
-    # The road at 80 degrees: 0.15 cos.
-    assert darkest[0] < 0.03
-    assert darkest[1] == pytest.approx(0.008 / RULES.compared_noise, rel=0.1)
+        ev, road = road_of(comparison(noise, {}))
+        steepest.append(float(np.asarray(ev.rays.incidence_rad)[road].max()))
+    # Up to 80 degrees, and where the road, 0.15 of the cosine, lies above five times the noise.
+    assert steepest[0] > np.deg2rad(79)
+    assert 0.15 * np.cos(steepest[1]) == pytest.approx(0.008 / RULES.compared_noise, rel=0.1)
+
+
+def test_noise_does_not_choose_the_brighter_of_the_dark_rays():
+    noise = {"constant": 0.008, "share": 0.06, "range_m": 0.015}
+    both = comparison(noise, noise)
+    # Angles with noise, which the simulator's own intensities follow.
+    given = both.scan.incidence_rad
+    noisy = given + np.random.default_rng(9).normal(0, np.deg2rad(2.3), given.shape).astype(np.float32)
+    light = both.scan.intensity * np.cos(noisy) / np.maximum(np.cos(given), 0.05)
+    ev, road = road_of(replace(both, scan=replace(both.scan, incidence_rad=np.abs(noisy), intensity=np.abs(light))))
+    angle = np.asarray(ev.rays.incidence_rad)
+    off = np.asarray(ev.rays.log_intensity) - np.log(0.15 * np.cos(angle))
+    # The steepest tenth of those that are compared lies at the border below which none are.
+    steep = road & (angle > np.quantile(angle[road], 0.9))
+    assert steep.sum() > 100
+    assert off[steep].std() > 0.03
+    assert off[steep].mean() == pytest.approx(off[road & ~steep].mean(), abs=0.02)
+
+
+def road_of(both):
+    """The evidence of the scenes to find in, and which of its rays are of the road and compared."""
+    division = Division.of(both)
+    ev, _ = division.evidence(division.parts.find)
+    return ev, np.asarray(ev.compared) & (np.asarray(ev.rays.semantic) == 7)
 
 
 CHECKERED_RAD = 0.8
