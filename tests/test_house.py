@@ -193,5 +193,5 @@ def test_the_page_of_a_model_names_its_priors(room):
         for name in constants(module)
         if name.endswith(("_SD", "_PRECISION"))
     }
-    # These two say in standard deviations of the noise which neighbours are of another surface.
-    assert priors - named == {"FARTHEST_SD", "OTHER_MATERIAL_SD"} & priors
+    # These say in standard deviations of the noise which neighbours are of another surface.
+    assert priors - named == {"FARTHEST_SD", "OTHER_MATERIAL_SD", "OTHER_WALL_SD"} & priors

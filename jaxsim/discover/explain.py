@@ -14,7 +14,7 @@ from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.doubts import NEGLIGIBLE, OF_POSTS, RARELY_IF_EVER, SHOWN_ELSEWHERE, UNFOUNDED
+from jaxsim.discover.name.doubts import NEGLIGIBLE, OF_POSTS, OUTDONE, RARELY_IF_EVER, SHOWN_ELSEWHERE, UNFOUNDED
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
@@ -36,6 +36,12 @@ REFUSED = {
     "single rays of one side meet and those of the other pass",
 }
 """What it means that something was found which is not said because it is too little, by why."""
+OF_SURFACES = (
+    "It is taken for something of these surfaces that the simulator does not know, as soil that undulates, glass or "
+    "crowns that let rays through, and not for the sensor's"
+)
+NOT_ONE = "Its numbers would have to differ from class to class, which an effect of a sensor's do not"
+"""What it means that classes speak against what was found: something of their surfaces, or another effect."""
 
 
 def named(
@@ -229,11 +235,7 @@ def _not_said(answer: Answer) -> Iterator[str]:
         if names := answer.refused_for(why):
             yield _found(names, meaning)
     for name, why in answer.denied:
-        yield _found(
-            [name],
-            f"{_capital(why)}. It is taken for something of these surfaces that the simulator does not know, as soil "
-            "that undulates, glass or crowns that let rays through, and not for the sensor's",
-        )
+        yield _found([name], f"{_capital(why)}. {NOT_ONE if why.startswith(OUTDONE) else OF_SURFACES}")
 
 
 def _found(names: Sequence[str], why_not: str) -> str:

@@ -13,7 +13,7 @@ from jaxsim.discover.find import dependences_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.doubts import DENIED, NO_DOUBTS, SHOWN_BY, SHOWN_ELSEWHERE, Doubts
+from jaxsim.discover.name.doubts import DENIED, NO_DOUBTS, OUTDONE, SHOWN_BY, SHOWN_ELSEWHERE, Doubts
 from jaxsim.discover.name.null_draws import draw_nulls
 from jaxsim.discover.name.other_sides import CONTROL
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, add_steps, choose, step_along, with_steps
@@ -60,8 +60,9 @@ class Answer:
 
     @property
     def denied(self) -> tuple[tuple[str, str], ...]:
-        """The effects that were found, and are not said because one class alone shows them, and why."""
-        return tuple((name, why) for name, why in self.choice.refused.items() if why.startswith((DENIED, SHOWN_BY)))
+        """The effects that were found, and are not said for what classes show of them alone, and why."""
+        of_classes = (DENIED, SHOWN_BY, OUTDONE)
+        return tuple((name, why) for name, why in self.choice.refused.items() if why.startswith(of_classes))
 
 
 def name_effects(

@@ -11,7 +11,7 @@ from jaxsim.discover.covariates import Dependence
 from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.each_class import denied_without, shown_below, shown_by
+from jaxsim.discover.name.each_class import denied_without, outdone_in, shown_below, shown_by
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, looks_like_chance
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
@@ -19,6 +19,8 @@ from jaxsim.discover.rules import RULES
 SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before what is simulated"
 DENIED = "all other surfaces speak against it, without those of"
 """Followed by a class's name, and the next by one or more."""
+OUTDONE = "another explains as much, and these surfaces show far less of this one than they would:"
+"""Followed by a class's name."""
 SHOWN_BY = "none but these surfaces show it, of which one side alone has some:"
 OF_POSTS = "none but rays straight below very bright targets show it, where posts stand"
 SHOWN_ELSEWHERE = {
@@ -73,6 +75,8 @@ class Doubts:
             yield UNFOUNDED
         if alone := denied_without(step, beside):
             yield f"{DENIED} {alone}"
+        if alone := outdone_in(step, beside):
+            yield f"{OUTDONE} {alone}"
         if alone := shown_by(step, beside, self.apart):
             yield f"{SHOWN_BY} {alone}"
         if shown_below(step, beside):

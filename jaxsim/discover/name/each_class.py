@@ -23,7 +23,8 @@ from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, of_brigh
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import reweighted
 from jaxsim.discover.model.parameters import host_values
-from jaxsim.discover.name.select import FittedStep
+from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.select import FittedStep, fitted_step
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.effects.catalogue.blooming import ON_TARGET_RAD
@@ -55,6 +56,52 @@ def once_more(step: FittedStep, problem: Problem) -> Evidence:
     placed = on_top(step.chosen.effect, problem, step.fit.z).ev.rays
     change = jnp.asarray(placed.log_intensity) - jnp.asarray(problem.ev.rays.log_intensity)
     return replace(problem.ev, log_intensity=problem.ev.log_intensity + change)
+
+
+def outdone_in(step: FittedStep, problem: Problem) -> str:
+    """The class that shows far less of an intensity effect than it would, by name, where another effect explains nearly
+    as much and no class denies that: its numbers say for each class what they say for all. Else empty."""
+    chosen = step.chosen
+    rivals = [one for one in step.ranking if one is not chosen and _rivals(one, chosen)]
+    if not _of_intensity(chosen) or not rivals:
+        return ""
+    worst, by = _shortfall(step, problem)
+    if by < RULES.outdone_sds:
+        return ""
+    for rival in rivals:
+        instead = fitted_step(problem, rival, ranking=step.ranking, good=[rival])
+        if _shortfall(instead, problem)[1] < RULES.due_sds:
+            return NAMES[worst]
+    return ""
+
+
+def _of_intensity(one: Candidate) -> bool:
+    """Whether an effect changes intensities alone, of the surfaces that are seen without it."""
+    return one.effect.channels == ("intensity",) and not one.effect.casts and one.effect.name not in FINEST
+
+
+def _rivals(one: Candidate, chosen: Candidate) -> bool:
+    """Whether a candidate with no more numbers explains nearly as much of the intensities as the chosen one."""
+    near = one.total >= RULES.alike_share * chosen.total and one.scenes_agree
+    return near and _of_intensity(one) and one.numbers <= chosen.numbers
+
+
+def _shortfall(step: FittedStep, problem: Problem) -> tuple[int, float]:
+    """The class that alone gains least by an intensity effect of what it would if that were there, and by how many
+    standard deviations it gains less."""
+    semantic, compared = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.compared)
+    twice = once_more(step, problem)
+    worst, most = 0, 0.0
+    kinds, counts = np.unique(semantic[compared], return_counts=True)
+    for kind in kinds[counts >= RULES.class_least_share * counts.sum()]:
+        alone = replace(problem, ev=leaving_out(problem.ev, semantic != kind))
+        more = replace(problem, ev=leaving_out(twice, semantic != kind))
+        got = float(clipped(as_fitted(step, alone)).sum())
+        due = (float(clipped(as_fitted(step, more)).sum()) - got) / 2
+        by = (due - got) / np.sqrt(max(2 * due, 1.0))
+        if by > most:
+            worst, most = int(kind), float(by)
+    return worst, most
 
 
 def _lose(step: FittedStep, rest: Problem) -> bool:

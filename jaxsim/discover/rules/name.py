@@ -98,6 +98,12 @@ class NameRules:
     denied_sds: float = 2.5
     """... if it lies so many standard deviations below that (set on development seeds, of which
     benchmarks/blind/measured/hidden_noisy_glass tells: cars' glass against hidden effects)."""
+    outdone_sds: float = 3.0
+    """Standard deviations by which a class falls short of what it would gain by an effect, from which on a look-alike
+    is said instead (set on development cases of a simulator with noise, `oren_nayar` and `incidence_cosine` against
+    `intensity_offset` and `gamma_response`) ..."""
+    due_sds: float = 2.5
+    """... of which no class falls short by so many (as `denied_sds`)."""
     elsewhere_share: float = 0.25
     """Share of its gain that what is found may gain on other sides (`name.other_sides`): what is new loses there (a
     judgement, not calibrated)."""

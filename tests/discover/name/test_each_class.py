@@ -13,7 +13,14 @@ from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name import each_class
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.name.each_class import denied_without, leaving_out, shown_below, shown_by, straight_below
+from jaxsim.discover.name.each_class import (
+    denied_without,
+    leaving_out,
+    outdone_in,
+    shown_below,
+    shown_by,
+    straight_below,
+)
 from jaxsim.discover.name.select import fitted_step
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
@@ -72,6 +79,29 @@ def test_others_that_gain_far_less_than_is_due_speak_against_an_effect(monkeypat
     assert step.chosen.total > RULES.bar_nats
     monkeypatch.setattr(each_class, "_lose", lambda step, rest: False)
     assert denied_without(step, problem) == name
+
+
+def rough(intensity, incidence_rad):
+    """More light at grazing angles, the more the rougher; numbers of Oren and Nayar's model for 0.4 rad."""
+    return intensity * (0.84 + 0.29 * np.sin(incidence_rad) * np.tan(np.minimum(incidence_rad, 1.5)))
+
+
+def lifted(intensity, incidence_rad):
+    return np.where(intensity > 0, intensity + 0.03, 0)
+
+
+@pytest.mark.parametrize(("law", "outdone"), [(rough, ["intensity_offset"]), (lifted, [])])
+def test_an_effect_of_which_a_class_shows_too_little_gives_way_to_one_that_all_show(law, outdone):
+    alike = noisy_street.comparison({}, {"share": 0.04, "range_m": 0.01}, 12)
+    intensity = law(alike.measured.intensity, np.asarray(alike.scan.incidence_rad)).astype(np.float32)
+    problem = NullModel.of(Division.of(replace(alike, measured=replace(alike.measured, intensity=intensity)))).problem
+    ranking = rank_effects(problem, [EFFECTS["intensity_offset"], EFFECTS["oren_nayar"]])
+    for candidate in ranking if outdone else ranking[:1]:
+        step = fitted_step(problem, candidate, ranking=ranking, good=())
+        assert bool(outdone_in(step, problem)) == (candidate.effect.name in outdone)
+    assert outdone or ranking[0].effect.name == "intensity_offset"
+    alone = fitted_step(problem, ranking[0], ranking=ranking[:1], good=())
+    assert outdone_in(alone, problem) == ""
 
 
 def test_what_turns_rays_is_not_asked_of_single_classes(chosen_of):
