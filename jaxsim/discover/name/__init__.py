@@ -5,7 +5,7 @@ candidates     every effect, fitted and judged on scenes that its fit has not se
 select         one effect after another, as long as each gains more than the bar
 unexplained    free curves, for what no effect describes
 other_sides    the sides exchanged, and the control's frames: what is found there too is not said
-each_class     what a class alone shows and all others deny, or hardly shows while another effect explains it, is not said
+each_class     what one class alone shows, or alone denies: it is not said, or another effect is asked
 doubts         all that an effect is held to before it is said: the two above, and sizes that matter
 null_draws     measurements in which nothing is missing, which set the bar
 answer         which of the three answers it is

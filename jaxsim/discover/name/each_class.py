@@ -3,7 +3,8 @@
 A simulated street may have flat soil where the real one undulates, and solid crowns where real ones are of leaves. What
 that does to readings can look like an effect of a sensor, as noise that grows while echoes weaken does. But a sensor
 does the same to every surface. So without the class that says most for an effect the others may say little of it, and
-must not clearly speak against it: neither lose by it, nor gain far less than they would if it were there. And where a
+must not clearly speak against it: neither lose by it, nor gain far less than they would if it were there. Nor may a
+class show far less of an effect than it would, where another explains as much and none denies that. And where a
 class's surfaces are seen to be others on the two sides, what else they show of ranges and losses must be shown by
 others as well; so must glare by other rays than a post can meet.
 """
