@@ -86,6 +86,7 @@ def table(rows: Sequence[Row]) -> str:
 def main(argv: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rows", type=Path, nargs="+", help="cases.jsonl of benchmarks.blind.worlds or .effects")
+    parser.add_argument("--severity", type=float, help="of the effects that are asked; by default all")
     args = parser.parse_args(argv)
     found: dict[tuple[str, bool], Row] = {}
     for path in args.rows:
@@ -93,7 +94,10 @@ def main(argv: list[str] | None = None) -> None:
             parser.error(f"{path} is not there; give files of rows, cases.jsonl")
         # Nulls were asked again by later runs: the last row of a case counts.
         found |= {(row["key"], row["settings"]["sealed"]): row for row in read_rows(path)}
-    print(table(list(found.values())) or f"no oracle: its bars need {FEWEST} nulls of a condition, and an effect")
+    rows = list(found.values())
+    if args.severity is not None:
+        rows = [row for row in rows if row["kind"] == "none" or row["severity"] == args.severity]
+    print(table(rows) or f"no oracle: its bars need {FEWEST} nulls of a condition, and an effect")
 
 
 if __name__ == "__main__":

@@ -55,6 +55,15 @@ def test_too_few_nulls_or_those_of_another_condition_make_no_oracle(nulls):
     assert oracle.table(nulls) == ""
 
 
+def test_effects_of_one_severity_are_asked_beside_all_nulls(tmp_path, nulls, capsys):
+    strong = _row("beam_gain", 0.5, answer=["beam_gain"]) | {"severity": 2.0}
+    weak = _row("beam_gain", 0.1, number=1) | {"severity": 1.0}
+    path = tmp_path / "cases.jsonl"
+    path.write_text("".join(json.dumps(row) + "\n" for row in [*nulls, strong, weak]))
+    oracle.main([str(path), "--severity", "2"])
+    assert "| 100 % (1 of 1; 21 to 100 %) |" in capsys.readouterr().out
+
+
 def test_rows_of_several_runs_are_counted_once(tmp_path, nulls, capsys):
     cases = [_row("beam_gain", 0.5, answer=["beam_gain"]), _row("beam_gain", 0.1, number=1)]
     for name in ("one.jsonl", "two.jsonl"):
