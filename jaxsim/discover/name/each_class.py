@@ -60,11 +60,12 @@ def once_more(step: FittedStep, problem: Problem) -> Evidence:
 
 
 def outdone_in(step: FittedStep, problem: Problem) -> str:
-    """The class that shows far less of an intensity effect than it would, by name, where another effect explains nearly
-    as much and no class denies that: its numbers say for each class what they say for all. Else empty."""
+    """The class that shows far less of an effect than it would, by name, of one that goes by how bright surfaces are;
+    where another effect explains nearly as much and no class denies that. Else empty."""
     chosen = step.chosen
     rivals = [one for one in step.ranking if one is not chosen and _rivals(one, chosen)]
-    if not _of_intensity(chosen) or not rivals:
+    # Dark and bright classes show such an effect differently, or it is none; of ranges and angles they tell less.
+    if not _of_intensity(chosen) or "intensity" not in chosen.effect.covariates or not rivals:
         return ""
     worst, by = _shortfall(step, problem)
     if by < RULES.outdone_sds:
