@@ -103,7 +103,7 @@ class NameRules:
     is said instead (set on development cases of a simulator with noise, `oren_nayar` and `incidence_cosine` against
     `intensity_offset` and `gamma_response`) ..."""
     due_sds: float = 2.5
-    """... of which no class falls short by so many (as `denied_sds`)."""
+    """... of which no class falls short by so many (set as `denied_sds`)."""
     elsewhere_share: float = 0.25
     """Share of its gain that what is found may gain on other sides (`name.other_sides`): what is new loses there (a
     judgement, not calibrated)."""
