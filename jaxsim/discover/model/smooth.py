@@ -191,7 +191,7 @@ class Smooth:
     range_leverage: Float[Array, "f r c"]
     """Variance of that range over a noisy one's."""
     plane_rad: Float[Array, "f r c"]
-    """Incidence on the plane through the ranges."""
+    """Incidence on the plane through the ranges; the simulator's own where these do not tell it."""
     incidence_rad: Float[Array, "f r c"]
     """The simulator's own, made smooth."""
     detail: Float[Array, "f r c"]
