@@ -238,14 +238,14 @@ def _smooth_row(scan: Scan, frame: Int[Array, ""], row: Int[Array, ""], *, how: 
     slope_sd = how.range_sd_m * own_q / reach * gram.slope_sd()
     tilted = plane & (slope_sd / (1 + u**2 + v**2) < MOST_PLANE_SD_RAD)
     angle = jnp.where(trusted, jnp.clip(of_angle[0], 0, jnp.pi / 2), incidence_rad)
+    # Angles without noise are better as they are.
+    own_angle = jnp.where(how.incidence_sd_rad > 0, angle, incidence_rad)
     own_level = window.level[middle]
     albedo = jnp.where(trusted & (albedo > FLOOR), albedo, jnp.maximum(own_level, FLOOR))
     return {
         "range_m": jnp.where(plane, range_m / of_ratio[0], range_m),
         "range_leverage": jnp.where(plane, range_leverage, 1.0),
-        "plane_rad": jnp.where(
-            tilted, jnp.arctan(jnp.sqrt(u**2 + v**2)), jnp.where(how.incidence_sd_rad > 0, angle, incidence_rad)
-        ),
+        "plane_rad": jnp.where(tilted, jnp.arctan(jnp.sqrt(u**2 + v**2)), own_angle),
         "incidence_rad": angle,
         # Not of logarithms, in which noise on dark readings is skewed and larger than it is.
         "detail": jnp.where(scan.hit[frame, row], jnp.clip(own_level / albedo - 1, -MOST_DETAIL, MOST_DETAIL), 0.0),

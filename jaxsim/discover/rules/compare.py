@@ -22,7 +22,7 @@ class CompareRules:
     """Steps of the sensor's rounding below which predicted intensities are not compared: their logarithms are off (a
     judgement, not calibrated)."""
     compared_noise: float = 0.2
-    """Noise that is the same for all intensities, over the predicted one, from which on intensities are not compared.
+    """Noise that is the same for all intensities, over what is usual of the class, from which on none are compared.
     The sensor's puts the mean of a logarithm off by half its square, the simulator's hides what it means (a judgement,
     not calibrated; tests/discover/model/test_simulator.py)."""
     full_reading: float = 0.9995

@@ -100,8 +100,8 @@ class NameRules:
     benchmarks/blind/measured/hidden_noisy_glass tells: cars' glass against hidden effects)."""
     outdone_sds: float = 3.0
     """Standard deviations by which a class falls short of what it would gain by an effect, from which on a look-alike
-    is said instead (set on development cases of a simulator with noise, `oren_nayar` and `incidence_cosine` against
-    `intensity_offset` and `gamma_response`) ..."""
+    is said instead (set on development cases, of which benchmarks/blind/measured/hidden_noisy_corners tells: effects
+    that bend intensities, one against another) ..."""
     due_sds: float = 2.5
     """... of which no class falls short by so many (set as `denied_sds`)."""
     elsewhere_share: float = 0.25
