@@ -57,6 +57,15 @@ def displace(
     return replace(rays, turned_rad=turned, moved_m=moved)
 
 
+def move_sensor(rays: Rays, to_m: tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]) -> Rays:
+    """Moves the sensor as a whole (x, y, z in `velo`): each ray slides along its plane where `Rays.origin_slope` says
+    how, else it is cast again (`displace`)."""
+    if rays.origin_slope is not None:
+        return misread(rays, rays.origin_slope @ jnp.stack(to_m))
+    x, y, z = (jnp.broadcast_to(along, rays.range_m.shape) for along in to_m)
+    return displace(rays, move_m=(x, y, z))
+
+
 def brighten(rays: Rays, nats: Float[Array, "*n"]) -> Rays:
     """Multiplies the light that comes back by exp(nats): power and intensity alike."""
     return replace(rays, log_intensity=rays.log_intensity + nats, log_power=rays.log_power + nats)

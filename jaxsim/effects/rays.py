@@ -175,3 +175,6 @@ class Rays:
 
     basis: Float[Array, "*n k"] | None = None
     """Columns of which a free curve along some covariate is made; None where no such curve is fitted."""
+    origin_slope: Float[Array, "*n 3"] | None = None
+    """Change of the range with the sensor's place (x, y, z), m/m, while rays stay on their planes; None where rays that
+    move are cast again."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.effects import all_rays
-from jaxsim.effects.edits import add_intensity, either, is_one_of, lose, misread, wrapped
+from jaxsim.effects.edits import add_intensity, either, is_one_of, lose, misread, move_sensor, wrapped
 from tests.effects.streets import clutter_of_everything
 
 
@@ -24,6 +24,18 @@ def test_angles_are_brought_within_a_turn_with_a_derivative_of_one():
     )
     assert np.abs(wrapped(angle)).max() <= np.pi
     np.testing.assert_array_equal(jax.vmap(jax.grad(wrapped))(angle), 1)
+
+
+def test_a_sensor_that_is_moved_slides_along_planes_where_their_slopes_are_told_and_is_cast_again_elsewhere(rays):
+    to_m = (jnp.float32(0.1), jnp.float32(-0.2), jnp.float32(0.05))
+    moved = move_sensor(rays, to_m)
+    np.testing.assert_allclose(moved.moved_m, np.broadcast_to([0.1, -0.2, 0.05], moved.moved_m.shape))
+    np.testing.assert_array_equal(moved.reading_m, rays.reading_m)
+    slope = jnp.asarray(np.random.default_rng(0).normal(size=moved.moved_m.shape), jnp.float32)
+    slid = move_sensor(replace(rays, origin_slope=slope), to_m)
+    along = 0.1 * slope[..., 0] - 0.2 * slope[..., 1] + 0.05 * slope[..., 2]
+    np.testing.assert_allclose(slid.reading_m - rays.reading_m, np.where(rays.hit, along, 0), atol=1e-5)
+    np.testing.assert_array_equal(slid.moved_m, rays.moved_m)
 
 
 def test_losses_that_follow_one_another_are_independent(rays):

@@ -50,7 +50,8 @@ Random effects in closed form (`random_effects`; Laird & Ware 1982)
               differences within classes, and where the sensor does not follow its contrast, beside cells and patches
               (`contrast`); of a noisy one its detail on bright and on dark surfaces, and levels over their trend
               (`simulator`)
-    shift_i = what the block's pose moves range i by: 1 / range is linear in the pose on planes
+    shift_i = what the block's pose moves range i by: 1 / range is linear in the pose on planes; an effect that moves the
+              whole sensor moves r_i by the same slopes (`fit.rays_for`), and only costs tell the two apart
     beta is shared by the fitted blocks; street, surface, strip, pose are each block's own and pay their priors:
     cost(u) = street^2 / 2 sd^2 + surface^2 / 2 sd^2 + strip^2 / 2 sd^2;   cost(pose) = |pose / sd|^2 / 2
     At given weights the best u with its cost is, up to a constant, the marginal likelihood of a normal model: what

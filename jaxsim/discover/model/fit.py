@@ -100,10 +100,15 @@ def score_columns(effect: Law) -> list[int]:
     return [CHANNELS.index(name) for name in channels_of(effect)]
 
 
-def rays_for(effect: Law, ev: Evidence) -> Rays:
-    """The rays that an effect is fitted to. One that moves readings with the reported intensity is held against the
-    intensity that was reported: the predicted one is off by more than the effect's law is wide."""
-    if not by_reported(effect):
+def rays_for(effect: Law, ev: Evidence, *, simulated: bool = False) -> Rays:
+    """The rays that an effect is fitted to; or, `simulated`, as a simulation has them, which knows no reported
+    intensities. One that moves readings with the reported intensity is held against that: the predicted one is off by
+    more than the effect's law is wide. One that moves the whole sensor slides rays along their planes, as a frame's own
+    pose does: what else they would meet hangs on that pose, too, and edges cast again by the one without the other
+    speak against both."""
+    if of_place(effect):
+        return replace(ev.rays, origin_slope=ev.pose[..., :3])
+    if simulated or not by_reported(effect):
         return ev.rays
     return replace(ev.rays, log_intensity=jnp.where(ev.returned, ev.log_intensity, ev.rays.log_intensity))
 
@@ -111,6 +116,11 @@ def rays_for(effect: Law, ev: Evidence) -> Rays:
 def of_bright(effect: Law) -> bool:
     """Whether an effect acts around what the simulator has bright."""
     return effect.name == "blooming"
+
+
+def of_place(effect: Law) -> bool:
+    """Whether an effect moves the whole sensor to another place, alike in all frames."""
+    return effect.plain_name == "extrinsic_translation"
 
 
 def by_reported(effect: Law) -> bool:
@@ -289,13 +299,14 @@ def _between(before: _Stage, after: _Stage, share: Float[Array, ""]) -> _Stage:
 
 
 def on_top(effect: Law, problem: Problem, z: dict[str, np.ndarray], *, simulated: bool = False) -> Problem:
-    """The problem with an effect in place: as it was fitted (`rays_for`), or as a simulation has it, which knows no
-    reported intensities."""
+    """The problem with an effect in place: as it was fitted, or as a simulation has it (`rays_for`)."""
     ev = problem.ev
-    given = ev.rays if simulated else rays_for(effect, ev)
+    given = rays_for(effect, ev, simulated=simulated)
     rays = with_effect(effect, z, given, scan=problem.scan)
-    # Reported intensities served the law alone: the likelihood keeps the predicted ones.
+    # Reported intensities and slopes served the law alone: the likelihood keeps the predicted ones.
     if given is not ev.rays:
+        rays = replace(rays, origin_slope=None)
+    if given.log_intensity is not ev.rays.log_intensity:
         rays = replace(rays, log_intensity=ev.rays.log_intensity)
     return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.clutter)
 

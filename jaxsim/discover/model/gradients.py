@@ -171,7 +171,7 @@ _sum = jax.jit(lambda a, b: jax.tree.map(jnp.add, a, b))
 
 def effect_with_gradient(effect: Law, z: Z, rays: Rays, *, scan: Scan) -> EffectGradient:
     """The rays with an effect, and the pullback of derivatives in their fields."""
-    if effect.casts:
+    if _casts_again(effect, rays):
         # In two steps: casting again knows no effect, and is compiled once for all that turn or move rays.
         by, to_z = _displaced(effect, z, rays)
         fields, constant, to_by = _recast_fields(by, effect.casts, rays, scan=scan)
@@ -191,9 +191,14 @@ def gradient_in_z(pullbacks: tuple[Pullback, ...], by_fields: Fields) -> Z:
 
 def with_effect(effect: Law, z: Z, rays: Rays, *, scan: Scan) -> Rays:
     """The rays with an effect."""
-    if effect.casts:
+    if _casts_again(effect, rays):
         return _recast(_displaced(effect, z, rays)[0], effect.casts, rays, scan=scan)
     return _applied(effect, z, rays)
+
+
+def _casts_again(effect: Law, rays: Rays) -> bool:
+    """Whether rays meet other surfaces by the effect, and do not slide along their planes."""
+    return effect.casts > 0 and rays.origin_slope is None
 
 
 def _fields(rays: Rays) -> tuple[Fields, Fields]:

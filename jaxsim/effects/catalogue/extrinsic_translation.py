@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
-from jaxsim.effects.edits import displace
+from jaxsim.effects.edits import move_sensor
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
 
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Starts rays from a displaced origin; the reading is the range from there."""
-    x = jnp.broadcast_to(p["x_m"], rays.range_m.shape)
-    y = jnp.broadcast_to(p["y_m"], rays.range_m.shape)
-    z = jnp.broadcast_to(p["z_m"], rays.range_m.shape)
-    return displace(rays, move_m=(x, y, z))
+    return move_sensor(rays, (p["x_m"], p["y_m"], p["z_m"]))
 
 
 def _shift(meaning: str) -> Parameter:

@@ -88,6 +88,24 @@ def test_a_walk_follows_the_reported_intensity_where_there_is_one_and_the_predic
         np.testing.assert_array_equal(after.log_intensity, ev.rays.log_intensity)
 
 
+def test_another_place_of_the_sensor_is_told_as_a_frame_s_own_pose_is(problem):
+    effect, ev = EFFECTS["extrinsic_translation"], problem.ev
+    z = to_z(effect, {"x_m": 0.02, "y_m": -0.03, "z_m": 0.01}, ev.rays.row.shape[-1])
+    along = np.where(ev.rays.hit, np.asarray(ev.pose[..., :3]) @ [0.02, -0.03, 0.01], 0)
+    for simulated in (False, True):
+        after = on_top(effect, problem, z, simulated=simulated).ev.rays
+        np.testing.assert_allclose(after.reading_m - ev.rays.reading_m, along, atol=1e-4)
+        # What stands beside a ray, and whether it meets anything, hangs on the frame's own pose as much.
+        for name in ("hit", "beside_m", "log_intensity"):
+            np.testing.assert_array_equal(getattr(after, name), getattr(ev.rays, name))
+        assert after.origin_slope is None
+    # The pose takes up what is common to all frames: no reading is off by more for it, the prior alone tells.
+    null = score_at(effect, problem, z=to_z(effect, {}, 16), noise=problem.noise)
+    moved = score_at(effect, problem, z=z, noise=problem.noise)
+    assert np.abs(moved - null).max() < 3
+    assert np.abs(moved - null).max() > 1e-3
+
+
 def test_the_objective_takes_and_gives_the_tree_of_z_and_noise(problem):
     objective = Objective(EFFECTS["beam_gain"], problem)
     z, noise = objective.restore(objective.start({"gain": 0.1}))
