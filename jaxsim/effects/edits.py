@@ -62,8 +62,9 @@ def move_sensor(rays: Rays, to_m: tuple[Float[Array, ""], Float[Array, ""], Floa
     how, else it is cast again (`displace`)."""
     if rays.origin_slope is not None:
         return misread(rays, rays.origin_slope @ jnp.stack(to_m))
-    x, y, z = (jnp.broadcast_to(along, rays.range_m.shape) for along in to_m)
-    return displace(rays, move_m=(x, y, z))
+    x, y, z = to_m
+    one = jnp.ones_like(rays.range_m)
+    return displace(rays, move_m=(x * one, y * one, z * one))
 
 
 def brighten(rays: Rays, nats: Float[Array, "*n"]) -> Rays:

@@ -50,8 +50,8 @@ Random effects in closed form (`random_effects`; Laird & Ware 1982)
               differences within classes, and where the sensor does not follow its contrast, beside cells and patches
               (`contrast`); of a noisy one its detail on bright and on dark surfaces, and levels over their trend
               (`simulator`)
-    shift_i = what the block's pose moves range i by: 1 / range is linear in the pose on planes; an effect that moves the
-              whole sensor moves r_i by the same slopes (`fit.rays_for`), and only costs tell the two apart
+    shift_i = what the block's pose moves range i by: 1 / range is linear in the pose on planes; an effect that moves
+              the whole sensor moves r_i by the same slopes (`fit.rays_for`), and only costs tell the two apart
     beta is shared by the fitted blocks; street, surface, strip, pose are each block's own and pay their priors:
     cost(u) = street^2 / 2 sd^2 + surface^2 / 2 sd^2 + strip^2 / 2 sd^2;   cost(pose) = |pose / sd|^2 / 2
     At given weights the best u with its cost is, up to a constant, the marginal likelihood of a normal model: what
@@ -84,10 +84,11 @@ Priors and bounds, and where they are set
     which rays are compared; which lie on a lattice                        Rules.compared_, finest_step, lattice_
     which columns of which frames                                   cast.RAYS, CLOSER_RAYS, Rules.sectors
     noise that a simulator has: how it is told; how smooth surfaces are    noise_levels.QUANTILE, smooth.PLANE_MISFIT
+    what of it the sensor has, too, and is none                            Rules.common_noise
 
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.
 
-Order of imports: cast < noise_levels < kinds < smooth < contrast < simulator < evidence < noise < random_effects
+Order of imports: cast < noise_levels < own_noise < kinds < smooth < contrast < simulator < evidence < noise < random_effects
 < likelihood < gradients < fit < null, which also has several effects in place and fits each beside the others.
 `parameters` and `minimum` import none of them.
 """

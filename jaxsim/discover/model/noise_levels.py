@@ -122,10 +122,10 @@ def noise_levels(scan: Scan) -> Levels:
     if inner.sum() < RULES.fewest_differences:
         return steps
     range_m = np.asarray(scan.range_m, np.float64)
-    bend = _second_difference(1 / np.maximum(range_m, 0.1))
+    bend = second_difference(1 / np.maximum(range_m, 0.1))
     # An error e of the range is one of e / range^2 of 1 / range.
-    range_sd = _sd_of(np.abs(bend * range_m**2)[inner])
-    slant_sd = _sd_of(np.abs(_second_difference(np.asarray(scan.incidence_rad, np.float64)))[inner])
+    range_sd = sd_of(np.abs(bend * range_m**2)[inner])
+    slant_sd = sd_of(np.abs(second_difference(np.asarray(scan.incidence_rad, np.float64)))[inner])
     loss = hole.sum() / max(hole.sum() + inner.sum(), 1)
     constant, share, follows_cosine = _intensity_noise(scan, inner)
     levels = Levels(
@@ -155,12 +155,12 @@ def on_lattices(levels: Levels, lattices: Levels) -> Levels:
     return replace(levels, intensity_step=lattices.intensity_step, range_step_m=lattices.range_step_m)
 
 
-def _second_difference(x: Float[np.ndarray, "f r c"]) -> Float[np.ndarray, "f r c"]:
+def second_difference(x: Float[np.ndarray, "f r c"]) -> Float[np.ndarray, "f r c"]:
     """The second difference of each ray and its neighbours along the row, over sqrt 6; at the borders it wraps."""
     return (np.roll(x, 1, 2) - 2 * x + np.roll(x, -1, 2)) / np.sqrt(6)
 
 
-def _sd_of(size: Float[np.ndarray, " n"]) -> float:
+def sd_of(size: Float[np.ndarray, " n"]) -> float:
     """Standard deviation of normal noise of which these are absolute values, others among them that are larger."""
     return float(np.quantile(size, QUANTILE) / NORMAL_QUANTILE)
 
@@ -175,7 +175,7 @@ def _intensity_noise(scan: Scan, inner: Bool[np.ndarray, "f r c"]) -> tuple[floa
     variances = []
     # Intensities that follow the simulator's own normals follow their noise too; that is no noise on the intensity.
     for given in (np.ones_like(intensity), cosine_of(scan)):
-        size = np.abs(_second_difference(intensity / given)) * given
+        size = np.abs(second_difference(intensity / given)) * given
         level = (np.roll(intensity, 1, 2) + intensity + np.roll(intensity, -1, 2)) / 3
         variances.append(_by_level(size[bright], level[bright]))
     # In doubt it does: over the cosine, intensities bend less along a surface.
@@ -197,7 +197,7 @@ def _by_level(
     """Median level of each bin of it, and the variance of the noise there."""
     order = np.argsort(level)
     bins = np.array_split(order, max(1, min(BINS, len(order) // RULES.fewest_differences)))
-    return np.array([np.median(level[b]) for b in bins]), np.array([_sd_of(size[b]) ** 2 for b in bins])
+    return np.array([np.median(level[b]) for b in bins]), np.array([sd_of(size[b]) ** 2 for b in bins])
 
 
 def cosine_of(scan: Scan) -> Float[np.ndarray, "f r c"]:

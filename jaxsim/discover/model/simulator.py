@@ -20,7 +20,8 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import RayIndex, Surfaces
 from jaxsim.discover.model.contrast import class_trend, contrast_of, within_classes
-from jaxsim.discover.model.noise_levels import BINS, Levels, cosine_of, filled, lattices_of, noise_levels
+from jaxsim.discover.model.noise_levels import BINS, Levels, cosine_of, filled, lattices_of
+from jaxsim.discover.model.own_noise import own_levels
 from jaxsim.discover.model.smooth import Smooth, Smoothing, smooth_frames
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Scan
@@ -111,10 +112,8 @@ def meant(
     Rays lost within a surface are put back, ranges and intensities made smooth within each surface. `noises` are the
     simulator's and the sensor's noise where other frames have told them.
     """
-    noise, measured_noise = noises or (
-        noise_levels(scan),
-        noise_levels(replace(scan, range_m=range_m, intensity=intensity, hit=valid)),
-    )
+    measured = replace(scan, range_m=range_m, intensity=intensity, hit=valid)
+    noise, measured_noise = noises or own_levels(scan, measured)
     ranges, intensities = None, None
     if noise.loss > 0:
         scan = filled(scan)

@@ -92,6 +92,10 @@ class CompareRules:
     """The same of angles of incidence (set on noisy_street.py)."""
     noisy_loss: float = 0.001
     """Share of rays lost within smooth surfaces below which holes are the street's (set on noisy_street.py)."""
+    common_noise: float = 0.5
+    """Share of the simulator's noise, in squares, above which what the measured readings have in common with it at the
+    same rays is noise of neither (a judgement, not calibrated: independent noise has nothing in common, and where one
+    side is made of the other's readings all is, tests/discover/model/test_own_noise.py)."""
     noisy_constant: float = 1.0
     """The part of the noise that is the same for all intensities counts from so many times the proportional one on, in
     squares and in the darkest bin: where it is half of the variance. At 4, dark roads in snow, whose readings have

@@ -1,0 +1,93 @@
+"""Noise that a side has of its own: what both sides have alike at the same rays is none of either.
+
+Simulated frames may hold a scan's own readings: those of a digital twin, of a network that is fed with its ranges, or
+the scan itself. What was measured then has the same noise and texture at the same rays. With that common part c and
+independent rests s and m, second differences have variances of c + s and c + m, and the two sides' difference has
+s + m, so that c is half of the sum of the first two less the third.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxsim.discover.model.noise_levels import Levels, neighbourhoods, noise_levels, sd_of, second_difference
+from jaxsim.discover.rules import RULES
+from jaxsim.effects.rays import FLOOR, Scan
+
+
+def own_levels(simulated: Scan, measured: Scan) -> tuple[Levels, Levels]:
+    """The levels of noise of both sides, without what they have in common where that is most of the simulator's
+    (`Rules.common_noise`)."""
+    levels = noise_levels(simulated), noise_levels(measured)
+    inner, hole = map(np.asarray, neighbourhoods(simulated))
+    both = inner & np.asarray(neighbourhoods(measured)[0])
+    if both.sum() >= RULES.fewest_differences:
+        levels = _without_common_range(levels, _range_bends(simulated)[both], _range_bends(measured)[both])
+    bright = both & _bright(simulated) & _bright(measured)
+    if bright.sum() >= RULES.fewest_differences:
+        sides = _intensity_bends(simulated)[bright], _intensity_bends(measured)[bright]
+        levels = _without_common_intensity(levels, *sides)
+    # A ray that the sensor lost with the simulator was not lost by the simulator's own chance.
+    there = np.asarray(measured.hit)
+    if hole.any() and there[hole].mean() < (1 - RULES.common_noise) * there[inner].mean():
+        levels = replace(levels[0], loss=0.0), replace(levels[1], loss=0.0)
+    return levels
+
+
+def common_variance(ours: Float[np.ndarray, " n"], theirs: Float[np.ndarray, " n"]) -> float:
+    """Variance of what both sides' second differences have in common; 0 where that is not most of ours."""
+    variance = [sd_of(np.abs(bend)) ** 2 for bend in (ours, theirs, ours - theirs)]
+    common = (variance[0] + variance[1] - variance[2]) / 2
+    return common if common > RULES.common_noise * variance[0] else 0.0
+
+
+def _without_common_range(
+    levels: tuple[Levels, Levels], ours: Float[np.ndarray, " n"], theirs: Float[np.ndarray, " n"]
+) -> tuple[Levels, Levels]:
+    common = common_variance(ours, theirs)
+    if not common:
+        return levels
+    left = [float(np.sqrt(max(side.range_m**2 - common, 0.0))) for side in levels]
+    left = [sd if sd > RULES.noisy_range_m else 0.0 for sd in left]
+    return replace(levels[0], range_m=left[0]), replace(levels[1], range_m=left[1])
+
+
+def _without_common_intensity(
+    levels: tuple[Levels, Levels], ours: Float[np.ndarray, " n"], theirs: Float[np.ndarray, " n"]
+) -> tuple[Levels, Levels]:
+    common = common_variance(ours, theirs)
+    if not common:
+        return levels
+    return _shrunk(levels[0], ours, common), _shrunk(levels[1], theirs, common)
+
+
+def _shrunk(levels: Levels, bends: Float[np.ndarray, " n"], common: float) -> Levels:
+    """Both parts of the noise on intensities, less the share of its variance that is common."""
+    variance = sd_of(np.abs(bends)) ** 2
+    rest = max(variance - common, 0.0)
+    if np.sqrt(rest) < RULES.noisy_intensity:
+        return replace(levels, intensity=0.0, intensity_share=0.0)
+    part = float(np.sqrt(rest / variance))
+    return replace(levels, intensity=part * levels.intensity, intensity_share=part * levels.intensity_share)
+
+
+def _range_bends(scan: Scan) -> Float[np.ndarray, "f r c"]:
+    """Second differences of ranges along the row, m, 0 on planes."""
+    range_m = np.asarray(scan.range_m, np.float64)
+    return second_difference(1 / np.maximum(range_m, 0.1)) * range_m**2
+
+
+def _intensity_bends(scan: Scan) -> Float[np.ndarray, "f r c"]:
+    """Second differences of intensities along the row, over the mean of the three."""
+    intensity = np.asarray(scan.intensity, np.float64)
+    level = (np.roll(intensity, 1, 2) + intensity + np.roll(intensity, -1, 2)) / 3
+    return second_difference(intensity) / np.maximum(level, FLOOR)
+
+
+def _bright(scan: Scan) -> Bool[np.ndarray, "f r c"]:
+    """Rays that read something, with their neighbours along the row."""
+    lit = np.asarray(scan.intensity) > FLOOR
+    return lit & np.roll(lit, 1, 2) & np.roll(lit, -1, 2)
