@@ -88,7 +88,8 @@ Priors and bounds, and where they are set
 
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.
 
-Order of imports: cast < noise_levels < own_noise < kinds < smooth < contrast < simulator < evidence < noise < random_effects
-< likelihood < gradients < fit < null, which also has several effects in place and fits each beside the others.
+Order of imports: cast < noise_levels < own_noise < kinds < smooth < contrast < simulator < evidence < noise
+< random_effects < likelihood < gradients < fit < null, which also has several effects in place and fits each beside the
+others.
 `parameters` and `minimum` import none of them.
 """
