@@ -66,7 +66,8 @@ def is_told(rays: Rays, scan: Scan) -> Bool[Array, "*n"]:
     row, column, inside = _cell_met(rays, scan, PASSES)
     cell = (rays.frame, row, column)
     ends = (jnp.isfinite(_beside(scan, cell)) != scan.hit[cell][..., None]).any(-1)
-    displaced = (rays.turned_rad != 0).any(-1) | (rays.moved_m != 0).any(-1)
+    # Together: XLA would work for seconds to fold one that is 0 for all rays.
+    displaced = (jnp.concatenate([rays.turned_rad, rays.moved_m], axis=-1) != 0).any(-1)
     return ~displaced | (inside & ~ends)
 
 
