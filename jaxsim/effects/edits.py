@@ -57,12 +57,13 @@ def displace(
     return replace(rays, turned_rad=turned, moved_m=moved)
 
 
-def move_sensor(rays: Rays, to_m: tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]) -> Rays:
-    """Moves the sensor as a whole (x, y, z in `velo`): each ray slides along its plane where `Rays.origin_slope` says
-    how, else it is cast again (`displace`)."""
-    if rays.origin_slope is not None:
-        return misread(rays, rays.origin_slope @ jnp.stack(to_m))
+def move_sensor(rays: Rays, to_m: tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]) -> Rays:
+    """Moves the sensor as a whole (x, y, z in `velo`, of all rays or of each frame): each ray slides along its plane
+    where `Rays.origin_slope` says how, else it is cast again (`displace`)."""
     x, y, z = to_m
+    if rays.origin_slope is not None:
+        along_x, along_y, along_z = jnp.moveaxis(rays.origin_slope, -1, 0)
+        return misread(rays, x * along_x + y * along_y + z * along_z)
     one = jnp.ones_like(rays.range_m)
     return displace(rays, move_m=(x * one, y * one, z * one))
 
