@@ -71,7 +71,7 @@ def outdone_in(step: FittedStep, problem: Problem) -> str:
     if by < RULES.outdone_sds:
         return ""
     for rival in rivals:
-        instead = fitted_step(problem, rival, ranking=step.ranking, good=[rival])
+        instead = fitted_step(problem, rival, ranking=step.ranking, among=[rival])
         if _shortfall(instead, problem)[1] < RULES.due_sds:
             return NAMES[worst]
     return ""

@@ -182,7 +182,7 @@ def second_choice(
     with_others = with_steps(problem, earlier) if earlier else problem
     ranking = first.steps[step].ranking
     # What gained more only stood in for several, or the second choice will not hold.
-    instead = fitted_step(with_others, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
+    instead = fitted_step(with_others, rival, ranking=ranking, among=ranking)
     if refuse and refuse(instead, with_others):
         return first
     second = add_steps(problem, catalogue, (*earlier, instead), bars=bars, refuse=refuse, log=log)
@@ -267,17 +267,18 @@ def first_step(problem: Problem, ranking: Sequence[Candidate], bars: Bars) -> Fi
     # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
     least = RULES.weak_share * ranking[0].total if ranking else 0.0
     good = [candidate for candidate in ranking if candidate.accepted(bars.effect) and candidate.total >= least]
-    return fitted_step(problem, simplest(good), ranking=ranking, good=good) if good else None
+    return fitted_step(problem, simplest(good), ranking=ranking, among=ranking) if good else None
 
 
 def step_along(choice: Choice, channel: str, covariate: str) -> FittedStep | None:
     """Where nothing is chosen: the best accepted candidate that goes by a covariate in a channel, however much more
     another gains on which the scenes disagree. What a free curve along it says is no stronger answer."""
-    likely = [c for c in choice.first_ranking if c.accepted(choice.bars.effect) and c.effect.name not in choice.refused]
-    good = [c for c in likely if channel in c.effect.channels and covariate in c.effect.covariates]
+    likely = [c for c in choice.first_ranking if c.effect.name not in choice.refused]
+    along = [c for c in likely if channel in c.effect.channels and covariate in c.effect.covariates]
+    good = [c for c in along if c.accepted(choice.bars.effect)]
     if choice.steps or not good:
         return None
-    return fitted_step(choice.problem, simplest(good), ranking=choice.first_ranking, good=good)
+    return fitted_step(choice.problem, simplest(good), ranking=choice.first_ranking, among=along)
 
 
 def simplest(good: Sequence[Candidate]) -> Candidate:
@@ -288,10 +289,12 @@ def simplest(good: Sequence[Candidate]) -> Candidate:
 
 
 def fitted_step(
-    problem: Problem, best: Candidate, *, ranking: Sequence[Candidate], good: Sequence[Candidate]
+    problem: Problem, best: Candidate, *, ranking: Sequence[Candidate], among: Sequence[Candidate]
 ) -> FittedStep:
-    """A candidate fitted to all find scenes, and its look-alikes among the `good` ones that gain no more."""
-    no_better = [candidate for candidate in good if candidate is not best and candidate.total <= best.total]
+    """A candidate fitted to all find scenes, and its look-alikes `among` those that gain no more."""
+    # The bar says whether anything is there at all: a look-alike may lie below it where the best hardly passes.
+    agreed = [candidate for candidate in among if candidate is not best and candidate.accepted(0.0)]
+    no_better = [candidate for candidate in agreed if candidate.total <= best.total]
     alike = tuple(c for c in no_better if not worse(c, best) and not much_richer(c, best))
     # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.
     result = fit(best.effect, problem, starts=best.fitted_values, fixed=best.effect.name in FINEST)

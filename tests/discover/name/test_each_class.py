@@ -42,7 +42,7 @@ def chosen(comparison):
     """Losses at random fitted to all find scenes, and the null that they were fitted to."""
     problem = NullModel.of(Division.of(comparison)).problem
     [candidate] = rank_effects(problem, [EFFECTS["random_dropout"]])
-    return fitted_step(problem, candidate, ranking=(), good=()), problem
+    return fitted_step(problem, candidate, ranking=(), among=()), problem
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_others_that_gain_far_less_than_is_due_speak_against_an_effect(monkeypat
     intensity = (alike.measured.intensity * law).astype(np.float32)
     problem = NullModel.of(Division.of(replace(alike, measured=replace(alike.measured, intensity=intensity)))).problem
     [candidate] = rank_effects(problem, [EFFECTS["range_falloff"]])
-    step = fitted_step(problem, candidate, ranking=(), good=())
+    step = fitted_step(problem, candidate, ranking=(), among=())
     assert step.chosen.total > RULES.bar_nats
     monkeypatch.setattr(each_class, "_lose", lambda step, rest: False)
     assert denied_without(step, problem) == name
@@ -97,11 +97,11 @@ def test_an_effect_of_which_a_class_shows_too_little_gives_way_to_one_that_all_s
     problem = NullModel.of(Division.of(replace(alike, measured=replace(alike.measured, intensity=intensity)))).problem
     ranking = rank_effects(problem, [EFFECTS["intensity_offset"], EFFECTS["oren_nayar"]])
     for candidate in ranking if outdone else ranking[:1]:
-        step = fitted_step(problem, candidate, ranking=ranking, good=())
+        step = fitted_step(problem, candidate, ranking=ranking, among=())
         assert bool(outdone_in(step, problem)) == (candidate.effect.name in outdone)
     assert outdone or ranking[0].effect.name == "intensity_offset"
     [offset] = [candidate for candidate in ranking if candidate.effect.name == "intensity_offset"]
-    assert outdone_in(fitted_step(problem, offset, ranking=[offset], good=()), problem) == ""
+    assert outdone_in(fitted_step(problem, offset, ranking=[offset], among=()), problem) == ""
 
 
 def test_what_turns_rays_is_not_asked_of_single_classes(chosen_of):
@@ -160,7 +160,7 @@ def glared(*, all_round: bool):
     measured = replace(both.measured, range_m=range_m, valid=both.measured.valid | ghost)
     problem = NullModel.of(Division.of(replace(both, measured=measured))).problem
     [candidate] = rank_effects(problem, [EFFECTS["blooming"]])
-    return fitted_step(problem, candidate, ranking=(), good=()), problem
+    return fitted_step(problem, candidate, ranking=(), among=()), problem
 
 
 @pytest.fixture(scope="module")

@@ -68,7 +68,7 @@ def asked(comparison, name):
     """Whether the exchanged sides have an effect that was fitted, and its step."""
     null = NullModel.of(Division.of(comparison))
     [best] = rank_effects(null.problem, [get_effect(name)])
-    step = fitted_step(null.problem, best, ranking=[best], good=[best])
+    step = fitted_step(null.problem, best, ranking=[best], among=[best])
     back = brought_back if comparison.other_moments else None
     return OtherSides.exchanged(comparison, null, back=back), step
 
@@ -119,7 +119,7 @@ def test_what_the_control_shows_as_well_is_not_new():
     both, new = sides(mixed=(0.0, 0.3)), sides(mixed=(0.0, 0.0))
     null = NullModel.of(Division.of(both))
     [best] = rank_effects(null.problem, [get_effect("mixed_pixels")])
-    step = fitted_step(null.problem, best, ranking=[best], good=[best])
+    step = fitted_step(null.problem, best, ranking=[best], among=[best])
     assert OtherSides.of_control(both).has(step, null.problem)
     assert not OtherSides.of_control(new).has(step, null.problem)
 

@@ -8,6 +8,7 @@ import pytest
 
 from jaxsim.discover.explain import ranking, why_not
 from jaxsim.discover.name import select
+from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import (
     Bars,
     Choice,
@@ -55,6 +56,23 @@ def test_worse_is_what_gains_clearly_less_or_less_in_every_scene():
     assert worse(candidate("saturation", 7.0), best)
     assert worse(candidate("saturation", 9.0), best)
     assert not worse(candidate("saturation", 10.0 + np.array([1, -1] * 5 + [0])), best)
+
+
+def test_a_look_alike_may_lie_below_the_bar_that_the_best_hardly_passes(monkeypatch):
+    monkeypatch.setattr(select, "fit", lambda effect, *args, **kwargs: candidate(effect.name, 0.0).fits[0])
+    monkeypatch.setattr(Candidate, "fitted_values", ())
+    to_and_fro = 0.3 * np.array([1, -1] * 5 + [0])
+    best = candidate("range_falloff", (RULES.bar_nats + 0.9) / 11 + np.zeros(11))
+    near = candidate("atmospheric_extinction", (RULES.bar_nats - 0.5) / 11 + to_and_fro)
+    torn = candidate("intensity_offset", (RULES.bar_nats - 0.5) / 11 + 20 * to_and_fro)
+    less = candidate("gamma_response", 0.5 * RULES.bar_nats / 11 + to_and_fro)
+    assert [one.accepted() for one in (best, near)] == [True, False]
+    assert [one.scenes_agree for one in (near, torn)] == [True, False]
+    every = [best, near, torn, less]
+    said = select.fitted_step(problem(), best, ranking=every, among=every)
+    assert [one.effect.name for one in said.alike] == ["atmospheric_extinction"]
+    # What was refused, or goes by something else, is not asked to stand in for it.
+    assert not select.fitted_step(problem(), best, ranking=every, among=[best, torn, less]).alike
 
 
 def test_an_early_effect_that_the_others_make_needless_is_found(monkeypatch):
@@ -119,7 +137,7 @@ def test_what_came_after_an_effect_that_is_gone_is_chosen_once_more_without_it(m
 
     named = lambda steps: tuple(sorted(one.chosen.effect.name for one in steps))  # noqa: E731
     monkeypatch.setattr(select, "rank_effects", lambda place, effects, **_: rank(place.scan, list(effects)))
-    monkeypatch.setattr(select, "fitted_step", lambda place, best, *, ranking, good: step(best, ranking=ranking))
+    monkeypatch.setattr(select, "fitted_step", lambda place, best, *, ranking, among: step(best, ranking=ranking))
     monkeypatch.setattr(select, "with_steps", lambda null, steps: problem(scan=named(steps)))
     monkeypatch.setattr(select, "together", lambda null, steps: list(steps))
     choice = choose(problem(scan=()), [EFFECTS[name] for name in alone])
@@ -202,7 +220,7 @@ def test_what_is_refused_is_passed_over_and_told(monkeypatch):
         return [one for one in (best, next_best, weak) if one.effect.name in names]
 
     monkeypatch.setattr(select, "rank_effects", rank)
-    monkeypatch.setattr(select, "fitted_step", lambda problem, best, *, ranking, good: step(best, ranking=ranking))
+    monkeypatch.setattr(select, "fitted_step", lambda problem, best, *, ranking, among: step(best, ranking=ranking))
     monkeypatch.setattr(select, "with_steps", lambda null, steps: null)
     catalogue = [one.effect for one in (best, next_best, weak)]
     whole = problem(ev=SimpleNamespace(scene=np.arange(11)))
@@ -218,7 +236,7 @@ def test_what_is_refused_is_passed_over_and_told(monkeypatch):
 
 def test_a_weak_effect_is_no_weaker_an_answer_than_a_free_curve_along_what_it_goes_by(monkeypatch):
     """A laser that fades makes some streets as dark as a gamma would, and others not."""
-    monkeypatch.setattr(select, "fitted_step", lambda problem, best, *, ranking, good: step(best, ranking=ranking))
+    monkeypatch.setattr(select, "fitted_step", lambda problem, best, *, ranking, among: step(best, ranking=ranking))
     gamma = candidate("gamma_response", np.array([-52, 18, 46, 51, 13, 53, 26, 10, -167, 50, 16]))
     drift = candidate("emitter_drift", 4.0)
     choice = Choice((), (gamma, drift), problem())
