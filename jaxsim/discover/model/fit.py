@@ -305,9 +305,7 @@ def on_top(effect: Law, problem: Problem, z: dict[str, np.ndarray], *, simulated
     rays = with_effect(effect, z, given, scan=problem.scan)
     # Reported intensities and slopes served the law alone: the likelihood keeps the predicted ones.
     if given is not ev.rays:
-        rays = replace(rays, origin_slope=None)
-    if given.log_intensity is not ev.rays.log_intensity:
-        rays = replace(rays, log_intensity=ev.rays.log_intensity)
+        rays = replace(rays, log_intensity=ev.rays.log_intensity, origin_slope=None)
     return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.clutter)
 
 

@@ -21,51 +21,42 @@ from jaxsim.effects.rays import FLOOR, Scan
 def own_levels(simulated: Scan, measured: Scan) -> tuple[Levels, Levels]:
     """The levels of noise of both sides, without what they have in common where that is most of the simulator's
     (`Rules.common_noise`)."""
-    levels = noise_levels(simulated), noise_levels(measured)
+    ours, theirs = noise_levels(simulated), noise_levels(measured)
     inner, hole = map(np.asarray, neighbourhoods(simulated))
     both = inner & np.asarray(neighbourhoods(measured)[0])
-    if both.sum() >= RULES.fewest_differences:
-        levels = _without_common_range(levels, _range_bends(simulated)[both], _range_bends(measured)[both])
+    common = common_variance(_range_bends(simulated)[both], _range_bends(measured)[both])
+    ours, theirs = _less_range(ours, common), _less_range(theirs, common)
     bright = both & _bright(simulated) & _bright(measured)
-    if bright.sum() >= RULES.fewest_differences:
-        sides = _intensity_bends(simulated)[bright], _intensity_bends(measured)[bright]
-        levels = _without_common_intensity(levels, *sides)
+    bends = [_intensity_bends(side)[bright] for side in (simulated, measured)]
+    common = common_variance(*bends)
+    ours, theirs = _less_intensity(ours, bends[0], common), _less_intensity(theirs, bends[1], common)
     # A ray that the sensor lost with the simulator was not lost by the simulator's own chance.
     there = np.asarray(measured.hit)
     if hole.any() and there[hole].mean() < (1 - RULES.common_noise) * there[inner].mean():
-        levels = replace(levels[0], loss=0.0), replace(levels[1], loss=0.0)
-    return levels
+        ours, theirs = replace(ours, loss=0.0), replace(theirs, loss=0.0)
+    return ours, theirs
 
 
 def common_variance(ours: Float[np.ndarray, " n"], theirs: Float[np.ndarray, " n"]) -> float:
-    """Variance of what both sides' second differences have in common; 0 where that is not most of ours."""
+    """Variance of what both sides' second differences have in common; 0 where that is not most of ours, or too few
+    tell it."""
+    if len(ours) < RULES.fewest_differences:
+        return 0.0
     variance = [sd_of(np.abs(bend)) ** 2 for bend in (ours, theirs, ours - theirs)]
     common = (variance[0] + variance[1] - variance[2]) / 2
     return common if common > RULES.common_noise * variance[0] else 0.0
 
 
-def _without_common_range(
-    levels: tuple[Levels, Levels], ours: Float[np.ndarray, " n"], theirs: Float[np.ndarray, " n"]
-) -> tuple[Levels, Levels]:
-    common = common_variance(ours, theirs)
-    if not common:
-        return levels
-    left = [float(np.sqrt(max(side.range_m**2 - common, 0.0))) for side in levels]
-    left = [sd if sd > RULES.noisy_range_m else 0.0 for sd in left]
-    return replace(levels[0], range_m=left[0]), replace(levels[1], range_m=left[1])
+def _less_range(levels: Levels, common: float) -> Levels:
+    """The noise on ranges, less a variance that is common."""
+    rest = float(np.sqrt(max(levels.range_m**2 - common, 0.0)))
+    return replace(levels, range_m=rest if rest > RULES.noisy_range_m else 0.0)
 
 
-def _without_common_intensity(
-    levels: tuple[Levels, Levels], ours: Float[np.ndarray, " n"], theirs: Float[np.ndarray, " n"]
-) -> tuple[Levels, Levels]:
-    common = common_variance(ours, theirs)
-    if not common:
-        return levels
-    return _shrunk(levels[0], ours, common), _shrunk(levels[1], theirs, common)
-
-
-def _shrunk(levels: Levels, bends: Float[np.ndarray, " n"], common: float) -> Levels:
+def _less_intensity(levels: Levels, bends: Float[np.ndarray, " n"], common: float) -> Levels:
     """Both parts of the noise on intensities, less the share of its variance that is common."""
+    if not common:
+        return levels
     variance = sd_of(np.abs(bends)) ** 2
     rest = max(variance - common, 0.0)
     if np.sqrt(rest) < RULES.noisy_intensity:
