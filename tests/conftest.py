@@ -70,14 +70,14 @@ MOST_BYTES = 5 * 2**28
 """Of the memory that a process holds at a module's end: what most modules add leaves it below two gibibytes."""
 NEEDY = (
     *("train/test_depth.py", "prepare/denoise/lidia/test_denoiser.py", "cli/test_grain.py"),
-    *("discover/name/test_other_sides.py", "discover/test_contrast.py"),
+    *("discover/name/test_other_sides.py", "discover/name/test_simulator_contrast.py"),
 )
 """Files that take up to a gibibyte more themselves: what was there before is let go before them."""
 DEAREST = (
     *("train/test_intensity.py", "benchmarks/test_blind.py", "discover/name/test_other_sides.py"),
     *("discover/test_workflow.py", "train/test_depth.py", "cli/test_endings.py", "test_devices.py"),
     *("discover/show/test_every_frame.py", "pix2pix/test_golden_training.py", "discover/regimes/test_find.py"),
-    *("cli/test_prepare.py", "discover/test_show.py", "discover/test_look_alikes.py", "cli/test_effects.py"),
+    *("cli/test_prepare.py", "discover/test_show.py", "discover/name/test_look_alikes.py", "cli/test_effects.py"),
 )
 """Files of half a minute and more. They begin first (`make test` and `make test-long` keep this order), so that no
 worker waits at the end for another that has just begun with one."""

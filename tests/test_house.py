@@ -182,7 +182,7 @@ def test_the_page_of_a_model_names_its_priors(room):
     page = ast.get_docstring(tree(f"discover/{room}/__init__.py")) or ""
     named = set()
     for home, names in re.findall(r"\b([a-z_]+)\.((?:_?[A-Z][A-Z_]+(?:, )?)+)", page):
-        paths = [f"discover/{folder}{home}.py" for folder in (f"{room}/", "model/", "")]
+        paths = [f"discover/{folder}{home}.py" for folder in (f"{room}/", "model/", "find/")]
         known = constants(next(path for path in paths if path in MODULES))
         assert {*names.removesuffix(", ").split(", ")} <= {*known}, f"{home} has not all of {names}"
         named |= {*names.split(", ")}

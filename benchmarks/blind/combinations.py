@@ -25,9 +25,9 @@ from benchmarks.blind.case import made_again
 from benchmarks.blind.rows import append_row, read_rows
 from benchmarks.blind.tables import of_kind, rate
 from jaxsim.compilation import enable_compilation_cache
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.model.fit import in_place
-from jaxsim.discover.model.null import refit, refitted
+from jaxsim.discover.model.null_model import refit, refitted
 from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.effects import EFFECTS, get_effect

@@ -24,10 +24,10 @@ from benchmarks.blind.case import made_again
 from benchmarks.blind.rows import read_rows
 from benchmarks.blind.tables import of_kind, rate
 from jaxsim.compilation import enable_compilation_cache
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
-from jaxsim.discover.sensitivity import could_pass, expected_gains
+from jaxsim.discover.show.sensitivity import could_pass, expected_gains
 from jaxsim.effects import EFFECTS, get_effect
 
 Row = dict[str, Any]

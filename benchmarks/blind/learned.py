@@ -34,11 +34,11 @@ from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import code_version, run_cases
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.add import add_effects
-from jaxsim.discover.division import NOTHING_YET, AllScenes, Division
-from jaxsim.discover.find import find_dependences
+from jaxsim.discover.find.dependences import find_dependences
+from jaxsim.discover.find.division import NOTHING_YET, AllScenes, Division
 from jaxsim.discover.law.learn import curve_form
 from jaxsim.discover.model.fit import in_place
-from jaxsim.discover.model.null import refitted
+from jaxsim.discover.model.null_model import refitted
 from jaxsim.discover.name.answer import decide
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read import read_comparison

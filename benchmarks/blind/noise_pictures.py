@@ -23,11 +23,11 @@ from jaxtyping import Float
 from benchmarks.blind.hidden import make_case
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.discover import Comparison, read_comparison
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.model.cast import with_planes
 from jaxsim.discover.model.evidence import Evidence, gather
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null_model import fit_null
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS

@@ -31,7 +31,7 @@ from jaxsim.discover import discover_folders
 from jaxsim.discover.model.cast import blocks, with_planes
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import Problem, fit
-from jaxsim.discover.model.null import fit_null, residuals
+from jaxsim.discover.model.null_model import fit_null, residuals
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.verdict import Verdict

@@ -35,7 +35,7 @@ from benchmarks.blind.tables import rate
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.devices import by_small_steps
 from jaxsim.discover import Comparison, discover, read_comparison
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.effects import EFFECTS, Effect, get_effect

@@ -30,7 +30,7 @@ from benchmarks.blind.rows import code_version, run_cases
 from benchmarks.blind.tables import rate
 from jaxsim.devices import by_small_steps
 from jaxsim.discover import Comparison, read_comparison
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.repeats.examine import Dense
 from jaxsim.discover.repeats.find import LEAST_HEIGHT, ChannelScales, find_repeats
 from jaxsim.discover.rules import RULES

@@ -71,7 +71,7 @@ class CheckEffect:
     """A Python file that ends in EFFECT. Its code is run: give only files that you have read."""
 
     def __call__(self) -> None:
-        from jaxsim.discover.look_alikes import described  # as above
+        from jaxsim.discover.name.look_alikes import described  # as above
 
         known_effects()
         scan = small_street()

@@ -10,28 +10,22 @@
     Result, Verdict     the answer with its evidence; what verdict.json holds of it
 
 The likelihood stands in `model`, every threshold of the decision in `rules`, all statistics over scenes in `scenes`.
-Files in the order in which the data meets them:
+Rooms in the order in which the data meets them; each one's page has its files, and each imports only rooms before it:
 
-    read                         two folders, checked and put side by side; where the sensor stood
-    mounting, knocked, unsteady  what of that is put in place first: in all frames, from a moment on, in each
-    other_surfaces               rays that meet a surface which one side alone has
-    division                     find and judge scenes, and the null model that all that is found stands on
-    few_drives                   what is bound to directions, which sectors of few drives cannot show
-    covariates, find             on what the disagreement depends
-    look_alikes, name, law       which effect it is; what no effect describes, as a law with a formula
-    contrast                     how far the sensor follows the simulator's contrast, which a learned one gets wrong
-    add                          what was named, fitted together
-    regimes, repeats             what acts in a part alone; what comes back at the same rows and columns
-    show                         how far the sides are apart on unseen scenes, and what a report draws of them
-    relation, sensitivity        whether intensities are related at all; what the frames could show
-    levels, objects              noise, and targets, of both sides
-    explain, verdict             the answer in plain values
-    place, ask, closer           the stages of the whole way: the sensor where it stands; which effect is missing, by
-    complete, conclude           a closer look where need be; all of it fitted together; held against unseen scenes, as
-                                 a verdict and a sensor model
-    workflow                     the whole way
-    unpaired                     the whole way where the streets differ
-    gate, watch                  whether an answer passes in CI; how a sensor changes over days
+    rules, scenes, verdict   thresholds; splits, signs and intervals over scenes; the answer as plain values
+    model                    what a sensor is expected to say of simulated rays, and how likely what it said is
+    read                     two folders, checked and put side by side; how far the sensor moved between them
+    find                     find and judge scenes, and on what the two sides' disagreement depends
+    name                     which effect of the catalogue it is, or none
+    law                      what no effect describes, as a law with a formula
+    add                      what was named, fitted together
+    repeats                  what comes back at the same rows and columns
+    regimes                  what acts in a part of the recording alone
+    mounting                 a sensor that stands elsewhere: in all frames, from a moment on, in each
+    show                     how far the sides are apart on unseen scenes; what the frames could show; words
+    stages, workflow         place, ask, complete, conclude: the whole way
+    unpaired                 the whole way where the streets differ
+    gate, watch              whether an answer passes in CI; how a sensor changes over days
 """
 
 from jaxsim.discover.read import Comparison, read_comparison

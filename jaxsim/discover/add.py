@@ -14,7 +14,7 @@ from jaxsim.discover.law.learn import Form, LearnedFit, learn
 from jaxsim.discover.model.fit import ANSWER_STEPS, NOISE_SD, Chain, Fit, Objective, Problem, fit, on_top
 from jaxsim.discover.model.likelihood import step_known_to
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import Refit, as_implied, refit
+from jaxsim.discover.model.null_model import Refit, as_implied, refit
 from jaxsim.discover.model.parameters import fitted_parameters, host_values, ravel, restorer, to_values, to_z
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.name.starts import sector_between

@@ -8,16 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from jaxsim.devices import by_small_steps
-from jaxsim.discover.ask import ask
-from jaxsim.discover.complete import complete
-from jaxsim.discover.conclude import result_of, show
-from jaxsim.discover.division import NOTHING_YET
-from jaxsim.discover.find import find_dependences
+from jaxsim.discover.find.dependences import find_dependences
+from jaxsim.discover.find.division import NOTHING_YET
 from jaxsim.discover.name.select import Log
-from jaxsim.discover.place import Standing, place
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.regimes.find import find_regimes
+from jaxsim.discover.stages.ask import ask
+from jaxsim.discover.stages.complete import complete
+from jaxsim.discover.stages.conclude import result_of, show
+from jaxsim.discover.stages.place import Standing, place
 from jaxsim.discover.verdict import Result, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel

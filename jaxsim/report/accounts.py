@@ -10,7 +10,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from jaxsim.discover.covariates import NAMED
+from jaxsim.discover.find.covariates import NAMED
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.show.pictures import MAP_COLUMNS
 from jaxsim.discover.verdict import ClosedLaw, JudgeFrame, OwnCandidate, Registered, Result, Sensitivity, Verdict

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from jaxsim.discover.covariates import CATEGORICAL
+from jaxsim.discover.find.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Result, Verdict
 from jaxsim.discover.verdict.parts import Contrast, Fidelity, Gained, Gap, Interval, Level, Where

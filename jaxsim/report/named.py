@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from jaxsim.discover.covariates import ALTERNATING, CATEGORICAL
+from jaxsim.discover.find.covariates import ALTERNATING, CATEGORICAL
 from jaxsim.discover.verdict import Interval, Named, Rank, Repeat, Unexplained
 from jaxsim.effects import EFFECTS, Effect, Parameter
 from jaxsim.report import page

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.data.cityscapes import NAMES
-from jaxsim.discover.covariates import HUE_ANGLE
+from jaxsim.discover.find.covariates import HUE_ANGLE
 from jaxsim.discover.model.contrast import SCALES
 from jaxsim.discover.verdict import Interval, Named, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from jaxsim.cli import main
-from jaxsim.discover.covariates import CURVES, Dependence, with_basis
+from jaxsim.discover.find.covariates import CURVES, Dependence, with_basis
 from jaxsim.discover.law.learn import curve_form, learn
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null_model import fit_null
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects.own import known_effects

@@ -6,13 +6,13 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.ask import Asked, ask
-from jaxsim.discover.complete import Completed, complete
-from jaxsim.discover.conclude import Shown, show
 from jaxsim.discover.model.evidence import Evidence, gather
-from jaxsim.discover.place import Placed, place
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.regimes.find import Divided, find_regimes
+from jaxsim.discover.stages.ask import Asked, ask
+from jaxsim.discover.stages.complete import Completed, complete
+from jaxsim.discover.stages.conclude import Shown, show
+from jaxsim.discover.stages.place import Placed, place
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 from tests.discover.few_rays import looking_at

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from jaxsim.discover import division
+from jaxsim.discover.find import division
 from jaxsim.discover.model.cast import blocks
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.add import effect_on_rays, intervals, may_never_act
-from jaxsim.discover.levels import made_by
+from jaxsim.discover.find.levels import made_by
 from jaxsim.discover.model.evidence import Measured, gather
 from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.noise import MOST
-from jaxsim.discover.model.null import Refit, fit_null, implied_level
+from jaxsim.discover.model.null_model import Refit, fit_null, implied_level
 from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS

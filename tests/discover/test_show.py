@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.show import WHY_NOT, gap_with, judged_by_reported, sensor_of, with_placed, without_unconfirmed

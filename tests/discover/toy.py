@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.discover.model.evidence import Measured, gather
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null_model import fit_null
 from jaxsim.effects import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 

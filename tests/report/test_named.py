@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from markupsafe import Markup
 
-from jaxsim.discover.covariates import NAMED
+from jaxsim.discover.find.covariates import NAMED
 from jaxsim.discover.verdict import Interval, Unexplained
 from jaxsim.effects.rays import covariates
 from jaxsim.report.named import unexplained

@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COVARIATES, CURVES, Dependence, products, values_along, with_columns
+from jaxsim.discover.find.covariates import COVARIATES, CURVES, Dependence, products, values_along, with_columns
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit, in_place
-from jaxsim.discover.model.null import refit, refitted
+from jaxsim.discover.model.null_model import refit, refitted
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.name.unexplained import agreed, at_knots

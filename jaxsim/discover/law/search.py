@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import ALTERNATING
+from jaxsim.discover.find.covariates import ALTERNATING
 from jaxsim.discover.law.learn import LearnedFit
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import jackknife_sd

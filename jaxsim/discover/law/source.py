@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsim.discover.covariates import NAMED
+from jaxsim.discover.find.covariates import NAMED
 from jaxsim.discover.law.search import LOGARITHMS, VARIABLES
 from jaxsim.discover.verdict import ClosedLaw
 from jaxsim.effects import EFFECTS

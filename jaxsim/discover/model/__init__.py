@@ -58,7 +58,7 @@ Random effects in closed form (`random_effects`; Laird & Ware 1982)
     acts like a pose or a level is not free.
 
 Rounding (`likelihood.rounding_gain`): readings on a lattice gain ln(0.995 step / finest) each, others lose ln 0.005.
-Power of echoes (`null`): ln power is uncertain by sqrt v_i and by what surfaces differ by (`log_power_sd`).
+Power of echoes (`null_model`): ln power is uncertain by sqrt v_i and by what surfaces differ by (`log_power_sd`).
 
 Alternation (`null.fit_null`): robust weights of the closed forms at the residuals (w = 5 / (4 + e^2 / v) / v), then
 noise by L-BFGS-B, twice; noise once more. The weights then stay for all effects that are held against this null.
@@ -75,7 +75,7 @@ Priors and bounds, and where they are set
     street  0.1 nats; strip 0.1                                            cast.STREET_SD, STRIP_SD
     surface object 0.2, patch of 6 m 0.15                                  cast.OBJECT_SD, PATCH_SD, PATCH_M
     pose    2 cm, 1 mrad an axis; moves a reading by 15 % at most          evidence.POSE_SD, random_effects.POSE_MOST
-    power   of a surface like its class's, as firmly as by 5 rays          null.FEW
+    power   of a surface like its class's, as firmly as by 5 rays          null_model.FEW
     tails   Student-t of 4 degrees; far off 1 m; near 5 cm                 noise.DEGREES, likelihood._WIDE_M, _EDGE_SD_M
     top     readings within 1 % of it pile up, beyond it cost 10 nats      likelihood._PILE, _ABOVE_TOP
     rays between two surfaces of frames that are cast again: 3 %           cast.UNKNOWN_BETWEEN
@@ -89,7 +89,7 @@ Priors and bounds, and where they are set
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.
 
 Order of imports: cast < noise_levels < own_noise < kinds < smooth < contrast < simulator < evidence < noise
-< random_effects < likelihood < gradients < fit < null, which also has several effects in place and fits each beside the
-others.
+< random_effects < likelihood < gradients < fit < null_model, which also has several effects in place and fits each
+beside the others.
 `parameters` and `minimum` import none of them.
 """

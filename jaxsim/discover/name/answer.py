@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from jaxsim.discover.covariates import Dependence, spelled
-from jaxsim.discover.find import dependences_of
+from jaxsim.discover.find.covariates import Dependence, spelled
+from jaxsim.discover.find.dependences import dependences_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate

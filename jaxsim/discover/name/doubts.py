@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.discover.covariates import Dependence
+from jaxsim.discover.find.covariates import Dependence
 from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate

@@ -22,7 +22,7 @@ from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.evidence import Evidence, near_enough
 from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, of_bright, on_top, score_at, score_columns
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import reweighted
+from jaxsim.discover.model.null_model import reweighted
 from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import FittedStep, fitted_step

@@ -21,12 +21,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.discover.find import dependences_of
+from jaxsim.discover.find.dependences import dependences_of
 from jaxsim.discover.model.evidence import Evidence, near_enough
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES, log_reported, log_stray, near_sd
 from jaxsim.discover.model.noise import range_variance
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null_model import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, frame_poses, levels_of, moved_by
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Log

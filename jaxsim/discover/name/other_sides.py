@@ -33,16 +33,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import CURVES, Dependence, fixed_basis, values_along, with_columns
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.covariates import CURVES, Dependence, fixed_basis, values_along, with_columns
+from jaxsim.discover.find.division import Division, NullModel
+from jaxsim.discover.find.other_surfaces import met_by_chance
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Fit, Problem, channels_of, fit, fit_noise, partway
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import implied_level
+from jaxsim.discover.model.null_model import implied_level
 from jaxsim.discover.model.parameters import host_values
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import FittedStep
-from jaxsim.discover.other_surfaces import met_by_chance
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.rules import RULES

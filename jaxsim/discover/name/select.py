@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.model.fit import Fit, Problem, fit, in_place
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import refit, refitted
+from jaxsim.discover.model.null_model import refit, refitted
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import (
+from jaxsim.discover.find.covariates import (
     ALTERNATING,
     BANKS,
     CATEGORICAL,

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsim.discover.division import AllScenes, Division, NullModel
+from jaxsim.discover.find.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.name.answer import Answer, named_answer, outdone, stands
 from jaxsim.discover.name.candidates import rank_effects

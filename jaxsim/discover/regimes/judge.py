@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.division import AllScenes
+from jaxsim.discover.find.division import AllScenes
 from jaxsim.discover.model.fit import Fit, Problem, all_on_top, on_top
 from jaxsim.discover.model.likelihood import log_likelihood
 from jaxsim.discover.model.noise import Noise

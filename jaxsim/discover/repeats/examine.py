@@ -13,12 +13,12 @@ import numpy as np
 from jaxtyping import Bool
 
 from jaxsim.discover.add import Added
-from jaxsim.discover.division import AllScenes, NullModel
+from jaxsim.discover.find.division import AllScenes, NullModel
 from jaxsim.discover.law.search import VARIABLES
 from jaxsim.discover.model.cast import blocks
 from jaxsim.discover.model.fit import Chain, in_place
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import refitted
+from jaxsim.discover.model.null_model import refitted
 from jaxsim.discover.model.parameters import fitted_parameters
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.other_sides import OtherSides

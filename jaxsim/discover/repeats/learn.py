@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.discover.covariates import COVARIATES
+from jaxsim.discover.find.covariates import COVARIATES
 from jaxsim.discover.repeats.find import FoundPattern, common_size, height_of
 from jaxsim.discover.repeats.maps import Maps, MapSums, PatternMap
 from jaxsim.discover.rules import RULES

@@ -19,7 +19,7 @@ from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise import DEGREES
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
-from jaxsim.discover.model.null import residual_spread
+from jaxsim.discover.model.null_model import residual_spread
 from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Array

@@ -29,7 +29,7 @@ class FindRules:
     """Residuals below which a channel is not looked at (a judgement, not calibrated)."""
     fewest_effective: float = 100.0
     """The same for interactions, counted as equally large ones (Kish 1965): a handful of lost rays tells nothing (a
-    judgement, not calibrated; tests/discover/test_find.py)."""
+    judgement, not calibrated; tests/discover/find/test_dependences.py)."""
     fewest_interaction_scenes: int = 6
     """Scenes below which interactions are not looked at (follows from `dependence_level`, which signs of fewer cannot
     reach)."""
@@ -48,8 +48,8 @@ class FindRules:
     dependences_listed: int = 8
     """Dependences that a verdict lists (a convention)."""
     dependence_level: float = 0.05
-    """Dependences that chance explains more often than this are not listed (a convention; tests/discover/test_find.py
-    counts how often noise alone has one) ..."""
+    """Dependences that chance explains more often than this are not listed (a convention;
+    tests/discover/find/test_dependences.py counts how often noise alone has one) ..."""
     dependence_nats: float = 10.0
     """... nor those that gain less: what a consistent trace of a nuisance is worth (a judgement, not calibrated: as
     much as `bar_nats`)."""

@@ -34,7 +34,7 @@ class ShowRules:
     """... and a column without any return, of which the null must lose ray by ray (a judgement, not calibrated)."""
     rounding_nats: float = 1e-3
     """What a scene may gain of an effect that does nothing in it: sums of float32 over its rays do not end at zero (a
-    judgement, not calibrated; tests/discover/test_sensitivity.py)."""
+    judgement, not calibrated; tests/discover/show/test_sensitivity.py)."""
 
     # Levels: what sensors usually have of noise.
     usual_range_noise_m: float = 0.03

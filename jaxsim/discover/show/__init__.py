@@ -4,6 +4,9 @@ they gain by it.
     gap              how far simulation and measurement are apart, before and after
     pictures         what a report draws of judge scenes
     every_frame      the same of all frames that were not read, block by block
+    sensitivity      what the frames could show of each effect
+    explain          an answer's entries and notes in words
+    few_drives       what frames of few drives show of effects that are bound to directions
 """
 
 from __future__ import annotations
@@ -18,8 +21,8 @@ from jaxtyping import Float
 
 from jaxsim.devices import by_small_steps, side_by_side
 from jaxsim.discover.add import Added
-from jaxsim.discover.covariates import COVARIATES
-from jaxsim.discover.division import AllScenes, Division, NullModel
+from jaxsim.discover.find.covariates import COVARIATES
+from jaxsim.discover.find.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.fit import (
     ANSWER_STEPS,
     NOTHING,
@@ -34,7 +37,7 @@ from jaxsim.discover.model.fit import (
 )
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import fit_null, refit, refitted, reweighted
+from jaxsim.discover.model.null_model import fit_null, refit, refitted, reweighted
 from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, runner_up

@@ -20,13 +20,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import by_small_steps
-from jaxsim.discover.division import AllScenes, Division, NullModel
-from jaxsim.discover.knocked import Knock
+from jaxsim.discover.find.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Chain
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.mounting import Mounting, place_mounting
+from jaxsim.discover.mounting.change import Knock
+from jaxsim.discover.mounting.constant import Mounting, place_mounting
 from jaxsim.discover.read import Comparison, Rest, read_part
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.show.gap import ERROR_UNITS, block_distances

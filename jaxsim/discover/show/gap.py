@@ -22,12 +22,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.covariates import COVARIATES, curve_basis, values_of
+from jaxsim.discover.find.covariates import COVARIATES, curve_basis, values_of
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES, log_likelihood, log_lost, rounding_gain
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import residual_spread, residuals
+from jaxsim.discover.model.null_model import residual_spread, residuals
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict.parts import Gained, Gap, Interval

@@ -12,11 +12,11 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.covariates import CATEGORICAL, COVARIATES
-from jaxsim.discover.division import Division
+from jaxsim.discover.find.covariates import CATEGORICAL, COVARIATES
+from jaxsim.discover.find.division import Division
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.null import Residuals, residuals
+from jaxsim.discover.model.null_model import Residuals, residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, JudgeFrame
 from jaxsim.effects import Law

@@ -16,8 +16,8 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.discover.unpaired.columns import GROUND, kinds
 from jaxsim.discover.unpaired.conditional import Conditional, Term
+from jaxsim.discover.unpaired.equations import Block, RandomEffects, equations
 from jaxsim.discover.unpaired.held_out import held_out
-from jaxsim.discover.unpaired.law import Block, RandomEffects, equations
 
 
 def shown_by_ground_alone(problem: Conditional, term: Term) -> bool:

@@ -6,7 +6,7 @@ spread as the simulator's readings are spread about it; the mean change of ln I 
 be learned from neutral gives its derivative there (one column a beam for parameters of beams); one that cannot gives
 a column for each of its starts, of which the best counts.
 
-Letters as in law.py; c columns of an effect.
+Letters as in equations.py; c columns of an effect.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxsim.discover.covariates import products
+from jaxsim.discover.find.covariates import products
 from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.unpaired.read import UnpairedComparison

@@ -1,7 +1,7 @@
 """The comparison of ln I given what both range images say: the law, what may differ anyway, and the terms that may
 stand for an effect.
 
-Letters as in law.py: n rays, s scenes, l columns of the law, k of the measured side, o of what is a scene's own.
+Letters as in equations.py: n rays, s scenes, l columns of the law, k of the measured side, o of what is a scene's own.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from jaxsim.discover.unpaired.columns import (
     ray_classes,
     scene_columns,
 )
-from jaxsim.discover.unpaired.law import (
+from jaxsim.discover.unpaired.equations import (
     LAW_PULL,
     Block,
     Equations,
@@ -118,7 +118,7 @@ def compare(
     comparison: UnpairedComparison, find: Bool[np.ndarray, " s"], draws: Float[np.ndarray, "d s"]
 ) -> Conditional:
     """The comparison with everything that is learned (law, clipping, class mixture) from the `find` scenes; `draws` are
-    exchanges of the sides (law.exchanged)."""
+    exchanges of the sides (equations.exchanged)."""
     scene = comparison.scene
     sensed = comparison.measured[scene]
     # Judge scenes shape nothing, not even what clips their readings.

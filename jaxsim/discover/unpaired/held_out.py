@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.unpaired.conditional import Conditional
-from jaxsim.discover.unpaired.law import Block, Pooled, Solution, solve
+from jaxsim.discover.unpaired.equations import Block, Pooled, Solution, solve
 
 
 def held_out(problem: Conditional, near: Block, blocks: Sequence[Block]) -> Float[np.ndarray, "t f"]:

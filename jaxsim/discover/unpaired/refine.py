@@ -21,8 +21,8 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.discover.unpaired.columns import Columns, change_of, derivatives
 from jaxsim.discover.unpaired.conditional import Conditional
+from jaxsim.discover.unpaired.equations import Block, Equations, equations, solve
 from jaxsim.discover.unpaired.held_out import held_out_losses
-from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect
 from jaxsim.metrics.intervals import student_reach

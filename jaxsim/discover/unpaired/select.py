@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import Dependence
+from jaxsim.discover.find.covariates import Dependence
 from jaxsim.discover.name.select import Selection, Step, worse
 from jaxsim.discover.name.unexplained import X_WORDS, shape_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.unpaired.besides_ground import shown_by_ground_alone
 from jaxsim.discover.unpaired.conditional import Conditional, Term
+from jaxsim.discover.unpaired.equations import lowered
 from jaxsim.discover.unpaired.held_out import held_out
-from jaxsim.discover.unpaired.law import lowered
 from jaxsim.discover.unpaired.refine import beside
 from jaxsim.discover.verdict import Unexplained
 

@@ -7,7 +7,8 @@ them.
 
 The gap on judge scenes is how far measured readings lie from the law of both sides, before and after the effects were
 added. Levels of surfaces and of a scene, and its slopes, are taken out (nobody knows them of a street that was not
-simulated); what the law, the nuisances and the effects say comes from the find scenes alone. Letters as in law.py.
+simulated); what the law, the nuisances and the effects say comes from the find scenes alone. Letters as in
+equations.py.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.devices import by_small_steps
-from jaxsim.discover.explain import named, ranking
 from jaxsim.discover.name.select import Log, Step, runner_up
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, split_scenes
+from jaxsim.discover.show.explain import named, ranking
 from jaxsim.discover.show.gap import gap_of, share_of
 from jaxsim.discover.show.pictures import Bins, GridSums
 from jaxsim.discover.unpaired.columns import INCIDENCE_SET, untold
 from jaxsim.discover.unpaired.conditional import Conditional, compare
+from jaxsim.discover.unpaired.equations import Block, Equations, exchanged
 from jaxsim.discover.unpaired.held_out import held_out_losses
-from jaxsim.discover.unpaired.law import Block, Equations, exchanged
 from jaxsim.discover.unpaired.lost import lattices, lost_rays
 from jaxsim.discover.unpaired.read import PER_SCENE, UnpairedComparison, read_unpaired
 from jaxsim.discover.unpaired.refine import Refined, equations_without, gain_of, refine

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.add import Added, add_effects
-from jaxsim.discover.covariates import CURVES, Dependence, with_basis
-from jaxsim.discover.division import NOTHING_YET, Division, NullModel
-from jaxsim.discover.find import find_dependences
+from jaxsim.discover.find.covariates import CURVES, Dependence, with_basis
+from jaxsim.discover.find.dependences import find_dependences
+from jaxsim.discover.find.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.law.learn import Form, curve_form
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.fit import fit_noise, in_place
-from jaxsim.discover.model.null import refitted
+from jaxsim.discover.model.null_model import refitted
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.unexplained import describe_curve, free_curves
 from jaxsim.discover.read import Comparison

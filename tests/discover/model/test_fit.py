@@ -6,7 +6,7 @@ import pytest
 
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import Objective, best_starts, channels_of, fit, in_place, on_top, partway, score_at
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null_model import fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.effects import EFFECTS
 from tests.discover.toy import device, toy

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.kinds import few_levels, kinds_of
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null_model import fit_null
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.effects import get_effect
 from tests.discover.toy import device, toy

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.division import Division
+from jaxsim.discover.find.division import Division
 from jaxsim.discover.model.evidence import AFTER_KINDS, gather
 from jaxsim.discover.model.simulator import DETAIL_SD, SLOPE_SD, filled, meant, reliability, trend
 from jaxsim.discover.rules import RULES

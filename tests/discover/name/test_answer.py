@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from jaxsim.discover.covariates import Dependence
+from jaxsim.discover.find.covariates import Dependence
 from jaxsim.discover.name import answer
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.doubts import Doubts

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.covariates import Dependence
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.covariates import Dependence
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.name import doubts
 from jaxsim.discover.name.answer import name_effects
 from jaxsim.discover.name.doubts import (

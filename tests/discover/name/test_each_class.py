@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name import each_class

@@ -9,7 +9,7 @@ import pytest
 
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit, on_top
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null_model import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.name import null_draws
 from jaxsim.discover.name.null_draws import bootstrap, draw_nulls

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from jaxsim.discover import discover
-from jaxsim.discover.covariates import Dependence
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.covariates import Dependence
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.model.evidence import Measured
-from jaxsim.discover.mounting import brought_back, place_mounting
+from jaxsim.discover.mounting.constant import brought_back, place_mounting
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.other_sides import OtherSides, alike, clearly_more
 from jaxsim.discover.name.select import fitted_step

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.explain import ranking, why_not
 from jaxsim.discover.name import select
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import (
@@ -23,6 +22,7 @@ from jaxsim.discover.name.select import (
     worse,
 )
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.show.explain import ranking, why_not
 from jaxsim.effects import EFFECTS
 from tests.discover.name.made import candidate, problem, step
 

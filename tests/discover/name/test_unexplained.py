@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.covariates import CURVES, Dependence
+from jaxsim.discover.find.covariates import CURVES, Dependence
 from jaxsim.discover.name import unexplained
 from jaxsim.discover.name.unexplained import agreed, shape_of
 from jaxsim.effects.learned import OFFSET

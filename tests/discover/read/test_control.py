@@ -11,7 +11,7 @@ import pytest
 
 from jaxsim.data.polar_frames import write_grid
 from jaxsim.discover import NO_CONTROL, Comparison, Control, discover
-from jaxsim.discover.division import Division, NullModel
+from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.read.control import read_sides, write_sides
 from jaxsim.discover.verdict import Contrast, InPlace, Interval, Level, Verdict
 from jaxsim.effects.chain import SensorModel
@@ -46,7 +46,7 @@ def named_of(verdict: Verdict) -> list[str]:
 
 
 @pytest.mark.long
-# Of the same streets `stages` asks, and tests/discover/test_conclude.py holds its answer.
+# Of the same streets `stages` asks, and tests/discover/stages/test_conclude.py holds its answer.
 @pytest.mark.parametrize("answered", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_what_the_control_lacks_as_well_is_not_named(answered):
     before, same, later = drives(3)

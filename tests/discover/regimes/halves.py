@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from jaxsim.discover.model.evidence import gather
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null_model import fit_null
 from jaxsim.discover.regimes.questions import Facts
 from tests.discover.toy import device, toy
 

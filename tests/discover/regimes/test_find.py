@@ -8,7 +8,7 @@ import pytest
 from benchmarks.blind.hidden import make_case
 from benchmarks.blind.regimes import cells, cells_of, f1
 from jaxsim.discover import discover_folders
-from jaxsim.discover.covariates import Dependence
+from jaxsim.discover.find.covariates import Dependence
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.regimes import find as regimes

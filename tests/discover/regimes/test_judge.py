@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.division import AllScenes
+from jaxsim.discover.find.division import AllScenes
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null_model import fit_null
 from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.regimes import judge
 from jaxsim.discover.regimes.judge import JudgeScenes, best_moment

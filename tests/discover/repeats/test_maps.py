@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.null import residuals
+from jaxsim.discover.model.null_model import residuals
 from jaxsim.discover.repeats.maps import half_steps, maps_of, robust_slope, scales
 from tests.discover.repeats.made import COLUMNS, ROWS, maps
 from tests.discover.toy import judged_toy

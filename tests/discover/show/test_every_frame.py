@@ -8,11 +8,11 @@ import pytest
 
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import read
-from jaxsim.discover.division import NOTHING_YET, Division, NullModel
+from jaxsim.discover.find.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.model.cast import cast
-from jaxsim.discover.model.null import refit
+from jaxsim.discover.model.null_model import refit
 from jaxsim.discover.model.parameters import to_z
-from jaxsim.discover.mounting import Mounting
+from jaxsim.discover.mounting.constant import Mounting
 from jaxsim.discover.read import read_comparison
 from jaxsim.discover.show import every_frame
 from jaxsim.discover.show.every_frame import HeldAnswer, block_of, judge_rest

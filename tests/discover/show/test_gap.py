@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from jaxsim.discover.model.likelihood import DEGREES
-from jaxsim.discover.model.null import residuals
+from jaxsim.discover.model.null_model import residuals
 from jaxsim.discover.show.gap import Distance, additive_floor, closure, distance, gaps, log_odds, robust
 from jaxsim.effects.effect import CHANNELS
 from tests.discover.toy import judged_toy

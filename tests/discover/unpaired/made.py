@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxsim.discover.unpaired.columns import Columns
 from jaxsim.discover.unpaired.conditional import Conditional, Term
-from jaxsim.discover.unpaired.law import Block
+from jaxsim.discover.unpaired.equations import Block
 from jaxsim.discover.unpaired.select import UnpairedCandidate
 from jaxsim.effects import EFFECTS
 

@@ -8,7 +8,7 @@ from jaxsim.discover.unpaired import besides_ground
 from jaxsim.discover.unpaired.besides_ground import shown_by_ground_alone
 from jaxsim.discover.unpaired.columns import GROUND, UPRIGHT, kinds
 from jaxsim.discover.unpaired.conditional import compare
-from jaxsim.discover.unpaired.law import exchanged
+from jaxsim.discover.unpaired.equations import exchanged
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.workflow import divide
 from tests.discover.unpaired.made import RAYS, SMALL, moved

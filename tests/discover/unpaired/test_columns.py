@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.discover.covariates import products
+from jaxsim.discover.find.covariates import products
 from jaxsim.discover.unpaired.columns import columns_of, curve, derivatives, one_hot, untold
 from jaxsim.effects import EFFECTS
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.unpaired.conditional import _clipped, _common, _inflation, _within
-from jaxsim.discover.unpaired.law import Block, RandomEffects, equations, exchanged
+from jaxsim.discover.unpaired.equations import Block, RandomEffects, equations, exchanged
 
 
 def test_a_rare_class_has_no_level_of_its_own():

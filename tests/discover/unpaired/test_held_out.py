@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.unpaired.conditional import Conditional
+from jaxsim.discover.unpaired.equations import Block, RandomEffects, equations
 from jaxsim.discover.unpaired.held_out import _folds, held_out, held_out_losses
-from jaxsim.discover.unpaired.law import Block, RandomEffects, equations
 from jaxsim.discover.unpaired.workflow import curve_covariates
 from tests.discover.unpaired.made import candidate
 

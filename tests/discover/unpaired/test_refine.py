@@ -6,8 +6,8 @@ import pytest
 from benchmarks.blind.hidden.streets import make_unpaired
 from jaxsim.discover.scenes import clipped
 from jaxsim.discover.unpaired.conditional import compare
+from jaxsim.discover.unpaired.equations import exchanged
 from jaxsim.discover.unpaired.held_out import held_out
-from jaxsim.discover.unpaired.law import exchanged
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.refine import JointFit, beside, gain_of, refine
 from jaxsim.discover.unpaired.workflow import divide

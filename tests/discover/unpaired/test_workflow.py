@@ -9,8 +9,8 @@ from benchmarks.blind.hidden.streets import make_unpaired
 from jaxsim.cli import discover as command
 from jaxsim.cli import stop_on_error
 from jaxsim.discover import discover_unpaired
-from jaxsim.discover.explain import ranking
 from jaxsim.discover.name.select import Step
+from jaxsim.discover.show.explain import ranking
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.select import UnpairedChoice
 from jaxsim.discover.unpaired.workflow import divide, why_not_unpaired

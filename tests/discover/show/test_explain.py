@@ -1,0 +1,139 @@
+"""What is said of the candidates that are not named, and what a reader must know."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from jaxsim.discover.find.division import Division
+from jaxsim.discover.model.noise_levels import Levels
+from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE, RARELY_IF_EVER
+from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
+from jaxsim.discover.name.select import Choice
+from jaxsim.discover.read import Comparison
+from jaxsim.discover.read.control import NO_CONTROL, Control
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.show.explain import named, notes, why_not
+from jaxsim.effects.chain import SensorModel
+from tests.discover.name.made import candidate, problem, step
+
+
+def test_each_candidate_is_told_why_it_was_not_named():
+    best = candidate("beam_gain", 9)
+    alike = candidate("range_falloff", 8.9)
+    weak = candidate("saturation", 0.5)
+    split = candidate("gamma_response", np.array([60, -20] * 5 + [0]), slope=np.array([3.0, -2.9] * 5 + [0.0]))
+    little = candidate("oren_nayar", 4)
+    ranking = (best, alike, split, little, weak)
+    fall = candidate("atmospheric_extinction", 3)
+    choice = Choice((step(best, alike, ranking=ranking), step(fall)), (), problem())
+    assert why_not(best, choice) == ""
+    assert why_not(alike, choice).startswith("these data cannot tell")
+    assert weak.total < RULES.bar_nats
+    assert "within what a null reaches" in why_not(weak, choice)
+    assert why_not(split, choice) == "the scenes disagree on it"
+    assert why_not(little, choice) == "it explains clearly less than the one that is named"
+    assert why_not(fall, choice) == "named too, after beam_gain"
+    nothing = Choice((), (split, little), problem())
+    assert "weak beside gamma_response" in why_not(little, nothing)
+    # The scenes agree on the best: a free curve kept all from being named.
+    outdone = Choice((), (best, little), problem())
+    assert why_not(best, outdone) == why_not(little, outdone) == "a free curve explains clearly more"
+    refused = Choice((), (best,), problem(), refused={"beam_gain": "neighbours say no"})
+    assert why_not(best, refused) == "neighbours say no"
+
+
+def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
+    one = named(step(candidate("beam_gain", 9), candidate("range_falloff", 8.9)), {})
+    assert one.look_alikes == ("range_falloff",)
+    assert one.tell_apart["range_falloff"]
+    assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)
+
+
+def partly(kind, **fields):
+    """A struct of which only these fields are known."""
+    made = object.__new__(kind)
+    made.__dict__.update(fields)
+    return made
+
+
+def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, drives="ab", sectors=1, **more):
+    """The notes of an answer on frames of which nothing else must be known."""
+    scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
+    comparison = partly(Comparison, notes=(), scenes=tuple(drives), scan=scan, control=control)
+    simulator = SimpleNamespace(noise=Levels(), free_contrast=free_contrast)
+    parts, blocks = SimpleNamespace(judge=("a",) * 5), SimpleNamespace(sectors=sectors)
+    division = partly(Division, parts=parts, blocks=blocks, left_out=more.pop("left_out", ""), simulator=simulator)
+    choice = Choice(steps, (), problem(), refused=more.pop("refused", {}))
+    return notes(comparison, division, Answer("named", choice, None, **more))
+
+
+def test_few_drives_that_are_cut_into_sectors_are_told():
+    [note] = told(sectors=6)
+    assert note.startswith("2 drives alone: each frame is cut into 6 sectors")
+    [note] = told(drives="aa", sectors=12)
+    assert note.startswith("1 drive alone: each frame is cut into 12 sectors")
+
+
+def test_rays_that_are_left_out_are_told():
+    [note] = told(left_out="3.5% of the rays (29% of terrain)")
+    assert note.startswith("3.5% of the rays (29% of terrain) met a surface that one side alone has")
+
+
+def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
+    assert told() == ()
+    [note] = told(unconfirmed=("intensity along range",))
+    assert note.startswith("not confirmed on unseen scenes: intensity along range ")
+    assert note.endswith("it is not added")
+
+
+def test_what_one_class_alone_shows_is_told_to_be_of_its_surfaces():
+    [note] = told(refused={"range_noise": f"{DENIED} terrain"})
+    assert note.startswith("found, and not said: range_noise. All other surfaces speak against it, without those of")
+    assert "terrain. It is taken for something of these surfaces" in note
+
+
+def test_what_is_too_small_to_matter_is_told():
+    [note] = told(refused={"range_scale": NEGLIGIBLE})
+    assert note.startswith("found, and not said: range_scale. Each is less than 10% of what is clearly visible of it")
+
+
+def test_what_may_never_act_is_told():
+    [note] = told(refused={"blooming": RARELY_IF_EVER})
+    assert note.startswith("found, and not said: blooming. The 90 % interval of how often it acts holds never")
+
+
+def test_a_contrast_that_is_left_free_is_told():
+    [note] = told(free_contrast=True)
+    assert note.startswith("the sensor does not follow the simulator's contrast")
+
+
+def test_what_follows_range_or_rows_is_told_to_be_doubtful_where_no_class_tells_surfaces_apart():
+    one_kind, classes = np.zeros((1, 2, 2), int), np.array([[[7, 7], [11, 0]]])
+    fall, gain = step(candidate("atmospheric_extinction", 9)), step(candidate("beam_gain", 9))
+    [note] = told(gain, fall, semantic=one_kind)
+    assert note.startswith("beam_gain, atmospheric_extinction: the simulated frames tell no classes")
+    assert told(gain, fall, semantic=classes) == ()
+    assert told(step(candidate("incidence_cosine", 9)), semantic=one_kind) == ()
+    assert told(step(candidate("range_offset", 9)), semantic=one_kind) == ()
+
+
+def test_what_a_control_put_in_place_is_told():
+    model = SensorModel((("range_offset", {"offset_m": 0.05}),))
+    [note] = told(control=Control(model, folders=(Path("simulated"), Path("measured"))))
+    assert "in place from the start" in note
+    assert "(range_offset)" in note
+    [_, lost] = told(control=Control(model))
+    assert "the control's frames are not where its answer found them" in lost
+    [nothing, _] = told(control=Control())
+    assert "(nothing)" in nothing
+
+
+def test_what_other_sides_show_as_well_is_told_with_what_that_means():
+    found = (("mixed_pixels", EXCHANGED), ("snr_dropout", CONTROL), ("drop along power", CONTROL))
+    [noise, own] = told(elsewhere=found)
+    assert "not said: mixed_pixels. With the sides exchanged" in noise
+    assert "what noise of both does" in noise
+    assert "not said: snr_dropout, drop along power. The control's frames do not clearly differ in it" in own
+    assert "by itself, and nothing new" in own
