@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxsim.discover.constant.constant import (
+from jaxsim.discover.find.division import NOTHING_YET, Division
+from jaxsim.discover.find.levels import compare_levels
+from jaxsim.discover.model.evidence import POSE_SD, Measured
+from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.noise_levels import lattices_of
+from jaxsim.discover.mounting.constant import (
     LIFT_OF_ALL,
     brought_back,
     gains,
@@ -18,11 +23,6 @@ from jaxsim.discover.constant.constant import (
     registered_of,
     seen_from,
 )
-from jaxsim.discover.find.division import NOTHING_YET, Division
-from jaxsim.discover.find.levels import compare_levels
-from jaxsim.discover.model.evidence import POSE_SD, Measured
-from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.read.registration import LIFT, MOTION_PARTS
 from jaxsim.discover.scenes import p_value, split_scenes
 from jaxsim.discover.verdict import Interval
