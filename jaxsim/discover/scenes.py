@@ -112,20 +112,39 @@ def chance_of(by_chance: Float[np.ndarray, " k"], observed: float) -> float:
     return float((1 + np.sum(by_chance >= observed - 1e-9)) / (1 + len(by_chance)))
 
 
+def scaled_groups(whole: Bool[np.ndarray, "k n"]) -> Float[np.ndarray, "k n"]:
+    """Groups of scenes as weights: a group's sum of numbers of mean 0 is in units of what those of so many scenes vary
+    by when they are dealt out anew."""
+    scenes = whole.shape[1]
+    count = whole.sum(1)
+    # Drawn without replacement: a group of all scenes but one varies as little as that one.
+    return whole / np.sqrt(count * (scenes - count) / scenes)[:, None]
+
+
 def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tuple[int, float]:
     """The group of scenes (a row says which are in it) that exceeds the others most, and how often some group does when
     excesses are dealt out to the scenes anew (`Rules.sign_draws` times)."""
-    scenes = len(excess)
     off = clipped(excess - excess.mean())
     # Clipping leaves a mean, which groups of more scenes would gather.
     off = off - off.mean()
-    count = whole.sum(1)
-    # Drawn without replacement: a group of all scenes but one varies as little as that one.
-    spread = np.sqrt(count * (scenes - count) / scenes)
-    scaled = whole / spread[:, None]
+    scaled = scaled_groups(whole)
     observed = scaled @ off
     best = int(observed.argmax())
-    return best, chance_of((off[orders_of(scenes)] @ scaled.T).max(1), observed[best])
+    return best, chance_of((off[orders_of(len(off))] @ scaled.T).max(1), observed[best])
+
+
+def strongest(scaled: Float[np.ndarray, "c s"], signs: Float[np.ndarray, "k s"]) -> Float[np.ndarray, " k"]:
+    """The largest sum over scenes of all candidates, under each choice of the scenes' signs (max-T)."""
+    return (signs @ scaled.T).max(1)
+
+
+def false_discovery_rates(p: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The q-value of each question, of the p-values of all that were asked (Benjamini & Hochberg 1995)."""
+    # As `scipy.stats.false_discovery_control`, whose import takes as long as all other questions about regimes.
+    falling = np.argsort(-p, kind="stable")
+    rates = np.empty(len(p))
+    rates[falling] = np.minimum.accumulate(p[falling] * len(p) / np.arange(len(p), 0, -1))
+    return rates.clip(max=1)
 
 
 def p_value(gains: Float[np.ndarray, " s"]) -> float:
@@ -148,7 +167,7 @@ def chance_of_best(rates: Float[np.ndarray, "c s"], best: int) -> float:
     paid for (max-T). A candidate counts by its sum in units of its own scatter: one that a single scene makes large
     does not hide the others. `rates` lie about 0 where there is nothing to find."""
     scaled = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
-    return float(np.mean((signs_of(rates.shape[1]) @ scaled.T).max(1) >= scaled[best].sum() - 1e-9))
+    return float(np.mean(strongest(scaled, signs_of(rates.shape[1])) >= scaled[best].sum() - 1e-9))
 
 
 def best_of_gains(gains: Float[np.ndarray, "c s"]) -> tuple[int, float]:
@@ -160,10 +179,10 @@ def best_of_gains(gains: Float[np.ndarray, "c s"]) -> tuple[int, float]:
     off = gains - gains.mean(1, keepdims=True)
     spread = np.sqrt((off**2).sum(1)) + 1e-9
     agreement = gains.sum(1) / spread
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (RULES.sign_draws, gains.shape[1]))
-    by_chance = (signs @ (off / spread[:, None]).T).max(1)
+    by_chance = strongest(off / spread[:, None], signs_of(gains.shape[1]))
     best = int(agreement.argmax())
-    return best, float((1 + np.sum(by_chance >= agreement[best])) / (1 + RULES.sign_draws))
+    # Of deviations no choice of signs is what was measured.
+    return best, chance_of(by_chance, agreement[best])
 
 
 def rank_correlation(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:

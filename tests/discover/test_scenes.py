@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import spearmanr
+from scipy.stats import false_discovery_control, spearmanr
 
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import (
@@ -11,6 +11,7 @@ from jaxsim.discover.scenes import (
     chance_of_best,
     clipped,
     difference_interval,
+    false_discovery_rates,
     folds,
     p_value,
     rank_correlation,
@@ -126,3 +127,10 @@ def test_what_every_third_drive_has_is_not_all_in_one_fold():
         assert (held_out[:, first::3].sum(1) > 0).sum() >= 2
     # Each fold holds out one of every three in a row.
     assert (held_out.reshape(3, 4, 3).sum(2) == 1).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 40])
+def test_false_discovery_rates_are_scipys(count):
+    p = np.random.default_rng(count).uniform(0, 1, count).round(2)
+    expected = false_discovery_control(p) if count else p
+    np.testing.assert_allclose(false_discovery_rates(p), expected, rtol=1e-12)

@@ -23,12 +23,11 @@ from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.read.motion import register
 from jaxsim.discover.read.registration import MOTION_PARTS, POSE, Registration, least_motion
-from jaxsim.discover.regimes.chance import false_discovery_rates
 from jaxsim.discover.regimes.confine import frames_in
 from jaxsim.discover.regimes.questions import Facts, Question, questions
 from jaxsim.discover.regimes.sizes import OF_FIT
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import Split, chance_of, clipped, orders_of
+from jaxsim.discover.scenes import Split, chance_of, clipped, false_discovery_rates, orders_of, scaled_groups
 from jaxsim.discover.verdict import Interval, Named, Regime
 from jaxsim.effects.region import Region
 from jaxsim.metrics.intervals import mean_interval
@@ -132,15 +131,12 @@ def apart(z: Float[np.ndarray, "n m"], whole: Bool[np.ndarray, "k n"]) -> tuple[
     """The group of scenes (a row says which are in it) whose mean vector lies farthest from that of the others, and how
     often some group's does when vectors are dealt out to the scenes anew. In no number of it does a scene count for
     more than the third largest."""
-    scenes = len(z)
     off = np.stack([clipped(number - np.median(number)) for number in z.T], axis=1)
     off = off - off.mean(0)
-    count = whole.sum(1)
-    # Drawn without replacement, as in `scenes.dealt`.
-    scaled = whole / np.sqrt(count * (scenes - count) / scenes)[:, None]
+    scaled = scaled_groups(whole)
     observed = np.linalg.norm(scaled @ off, axis=1)
     best = int(observed.argmax())
-    drawn = np.linalg.norm(np.einsum("kn,dnm->dkm", scaled, off[orders_of(scenes)]), axis=2)
+    drawn = np.linalg.norm(np.einsum("kn,dnm->dkm", scaled, off[orders_of(len(off))]), axis=2)
     return best, chance_of(drawn.max(1), observed[best])
 
 

@@ -24,7 +24,7 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.regimes.cells import Cells
 from jaxsim.discover.regimes.questions import Facts, Question
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import chance_of, clipped, dealt, orders_of, signs_of
+from jaxsim.discover.scenes import chance_of, clipped, dealt, orders_of, scaled_groups, signs_of, strongest
 from jaxsim.effects.region import Region
 
 
@@ -79,17 +79,8 @@ def flipped(contrasts: Float[np.ndarray, "k n"], variance: Float[np.ndarray, " k
     # scenes that have rays in it.
     gains = np.stack([clipped(one) for one in contrasts / np.sqrt(variance)[:, None]])
     best = int(gains.sum(1).argmax())
-    by_chance = (signs_of(contrasts.shape[1]) @ gains.T).max(1)
+    by_chance = strongest(gains, signs_of(contrasts.shape[1]))
     return best, float(np.mean(by_chance >= gains[best].sum() - 1e-9))
-
-
-def false_discovery_rates(p: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The q-value of each question, of the p-values of all that were asked (Benjamini & Hochberg 1995)."""
-    # As `scipy.stats.false_discovery_control`, whose import takes as long as all other questions about regimes.
-    falling = np.argsort(-p, kind="stable")
-    rates = np.empty(len(p))
-    rates[falling] = np.minimum.accumulate(p[falling] * len(p) / np.arange(len(p), 0, -1))
-    return rates.clip(max=1)
 
 
 def scenes_by_size(of: Cells, facts: Facts) -> FoundRegion | None:
@@ -125,7 +116,7 @@ def likeness_p_value(first: Float[np.ndarray, " n"], second: Float[np.ndarray, "
 
 
 def _by_half(part: np.ndarray, facts: Facts) -> np.ndarray:
-    """(2, n): sums over each scene's even and odd columns."""
+    """Gives the sums over each scene's even columns, and over its odd ones (2, n)."""
     return np.stack([np.bincount(facts.scene, part[:, half::2].sum(1), facts.scene_count) for half in (0, 1)])
 
 
@@ -169,12 +160,9 @@ def divided(
     """The region that divides some candidate's scenes most, how clearly each does each candidate's, and how often
     scenes that are dealt out anew, all candidates alike, are divided as clearly."""
     off = _in_units(rates - rates.mean(1, keepdims=True))
-    scenes = rates.shape[1]
-    count = whole.sum(1)
-    # A region counts in units of what one of so many scenes varies by.
-    scaled = (whole / np.sqrt(count * (scenes - count) / scenes)[:, None]).T
+    scaled = scaled_groups(whole).T
     strength = off @ scaled
-    by_chance = np.array([(off[:, order] @ scaled).max() for order in orders_of(scenes)])
+    by_chance = np.array([(off[:, order] @ scaled).max() for order in orders_of(rates.shape[1])])
     return int(strength.max(0).argmax()), strength, chance_of(by_chance, strength.max())
 
 

@@ -17,9 +17,10 @@ from jaxsim.discover.model.fit import Fit, Problem
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, with_steps
 from jaxsim.discover.regimes.cells import cells_of
-from jaxsim.discover.regimes.chance import FoundRegion, best_region, disputed, false_discovery_rates, scenes_by_size
+from jaxsim.discover.regimes.chance import FoundRegion, best_region, disputed, scenes_by_size
 from jaxsim.discover.regimes.questions import Facts, Question
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import false_discovery_rates
 from jaxsim.effects import Law
 
 

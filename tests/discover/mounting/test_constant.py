@@ -94,7 +94,7 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
         asked.append(law.name)
         return SimpleNamespace(z={"error_rad": np.float32(-3e-4 / 0.0014)})
 
-    monkeypatch.setattr(mounting, "fit", fit)
+    monkeypatch.setattr(constant, "fit", fit)
     null = object.__new__(Problem)
     finer = refine_lift(given, one, null, known=NOTHING_YET)
     assert asked == ["lift"]

@@ -1,11 +1,9 @@
 """Probabilities of chance are what they say, and few draws must not make sure."""
 
 import numpy as np
-import pytest
-from scipy.stats import false_discovery_control
 
 from jaxsim.discover.regimes.cells import Cells
-from jaxsim.discover.regimes.chance import best_region, divided, existing, false_discovery_rates, flipped
+from jaxsim.discover.regimes.chance import best_region, divided, existing, flipped
 from jaxsim.discover.regimes.questions import Question
 from jaxsim.discover.scenes import dealt
 from jaxsim.effects.region import Region
@@ -78,10 +76,3 @@ def test_candidates_of_which_no_scene_says_anything_do_not_stand_before_one_that
 def test_candidates_of_nothing_do_not_exist():
     p = [existing(np.random.default_rng(k).normal(0, 1, (6, SCENES)), WHOLE) for k in range(20)]
     assert np.mean(np.array(p) <= 0.1) <= 0.3
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 40])
-def test_false_discovery_rates_are_scipys(count):
-    p = np.random.default_rng(count).uniform(0, 1, count).round(2)
-    expected = false_discovery_control(p) if count else p
-    np.testing.assert_allclose(false_discovery_rates(p), expected, rtol=1e-12)

@@ -98,7 +98,7 @@ def test_several_drives_and_few_frames_have_no_pieces(monkeypatch):
     def never(*args, **more):
         pytest.fail("asked")
 
-    monkeypatch.setattr("jaxsim.discover.few_drives.choose", never)
+    monkeypatch.setattr("jaxsim.discover.show.few_drives.choose", never)
     monkeypatch.setattr(NullModel, "of", never)
     for scenes in ([f"drive {k}" for k in range(12)], ["drive"] * (RULES.fewest_scenes - 1)):
         # Of frames their drives and blocks alone are looked at: a fit of their own would take long.
