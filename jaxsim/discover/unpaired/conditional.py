@@ -6,7 +6,7 @@ Letters as in equations.py: n rays, s scenes, l columns of the law, k of the mea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,6 +43,7 @@ from jaxsim.discover.unpaired.equations import (
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M, Rays
+from jaxsim.metrics.intervals import student_reach
 
 GROUND_PATCH_SD = 0.25
 """Standard deviation of the level of a patch of ground, nats."""
@@ -56,6 +57,8 @@ CURVE_SD = 0.15
 READING_QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """The quantiles at which the simulator's readings about the law stand for all of them: effects are not linear in ln
 I."""
+DRAWS = 200
+"""Draws of the bootstrap over scenes, for a standard deviation."""
 INFLATION_DRAWS = 40
 """Exchanges of scenes from which the inflation of losses is taken."""
 
@@ -104,6 +107,25 @@ class Conditional:
     def weight(self) -> Float[np.ndarray, " s"]:
         """1 for scenes to find with, 0 for those to judge on."""
         return self.find.astype(float)
+
+    def resampled(self) -> Iterator[Float[np.ndarray, " s"]]:
+        """Weights of find scenes drawn with replacement, DRAWS times: rays of one scene are no independent witnesses.
+        Both sides are drawn apart, as many scenes of each as there are."""
+        rng = np.random.default_rng(0)
+        for _ in range(DRAWS):
+            drawn = np.concatenate([rng.choice(scenes, len(scenes)) for scenes in self._by_side()])
+            yield np.bincount(drawn, minlength=len(self.find)).astype(float)
+
+    @property
+    def reach(self) -> float:
+        """Half width of a 90 % interval over the standard deviation of what `resampled` scenes give."""
+        fewest = min(len(scenes) for scenes in self._by_side())
+        # A bootstrap's variance is (n - 1) / n of what it stands for; t makes up for knowing it from n scenes only.
+        return float(np.sqrt(fewest / (fewest - 1)) * student_reach(fewest))
+
+    def _by_side(self) -> list[Int[np.ndarray, " _"]]:
+        """The find scenes of each side."""
+        return [np.flatnonzero(self.find & (self.measured == side)) for side in (0, 1)]
 
     def solved(
         self, blocks: Sequence[Block], eq: Equations | None = None, weight: Float[np.ndarray, " s"] | None = None

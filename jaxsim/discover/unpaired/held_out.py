@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import folds
 from jaxsim.discover.unpaired.conditional import Conditional
 from jaxsim.discover.unpaired.equations import Block, Pooled, Solution, solve
 
@@ -56,8 +57,9 @@ def _without_each(problem: Conditional) -> Iterator[tuple[Bool[np.ndarray, " f"]
 
 
 def _folds(measured: np.ndarray) -> np.ndarray:
-    """The fold of each scene: scenes of either side are dealt in turn."""
+    """The fold of each scene: those of either side are dealt for themselves."""
     fold = np.zeros(len(measured), int)
     for side in (False, True):
-        fold[measured == side] = np.arange((measured == side).sum()) % RULES.unpaired_folds
+        of_side = np.flatnonzero(measured == side)
+        fold[of_side] = folds(np.arange(len(of_side)), RULES.unpaired_folds).argmin(0)
     return fold

@@ -25,14 +25,11 @@ from jaxsim.discover.unpaired.equations import Block, Equations, equations, solv
 from jaxsim.discover.unpaired.held_out import held_out_losses
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect
-from jaxsim.metrics.intervals import student_reach
 
 NEWTON_STEPS = 12
 """Gauss-Newton steps at most."""
 PARTS_OF_STEP = (1.0, 0.5, 0.25, 0.1)
 """Shares of a step, tried until the loss falls."""
-DRAWS = 200
-"""Draws of the bootstrap over scenes, for a standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -173,16 +170,8 @@ class JointFit:
     def half_widths(self, linear: LinearEffects) -> Float[np.ndarray, " k"]:
         """Half widths of the intervals of z: the scatter between scenes, or between rays if that is wider, and how far
         the prior pulls."""
-        rng = np.random.default_rng(0)
-        sides = [np.flatnonzero(self.problem.find & (self.problem.measured == side)) for side in (0, 1)]
-        draws = []
-        for _ in range(DRAWS):
-            # Both sides are drawn apart: as many scenes of each as there are.
-            drawn = np.concatenate([rng.choice(scenes, len(scenes)) for scenes in sides])
-            draws.append(self.ahead(linear, np.bincount(drawn, minlength=len(self.problem.find)).astype(float)))
-        # A bootstrap's variance is (n - 1) / n of what it stands for; t makes up for knowing it from n scenes only.
-        fewest = min(len(scenes) for scenes in sides)
-        reach = RULES.interval_widening * np.sqrt(fewest / (fewest - 1)) * student_reach(fewest)
+        draws = [self.ahead(linear, weight) for weight in self.problem.resampled()]
+        reach = RULES.interval_widening * self.problem.reach
         # To first order the prior moves z by covariance times gradient of its penalty: a bias that no scatter shows.
         pull = np.abs(self._covariance(linear, 1.0) @ (linear.block.precision * linear.z))
         of_rays = self._covariance(linear, self.problem.inflation)

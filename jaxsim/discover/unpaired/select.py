@@ -31,10 +31,6 @@ from jaxsim.discover.verdict import Unexplained
 
 CURVES_ALONG = ("range", "incidence", "azimuth")
 """Free curves that are no effect of the catalogue; one along the row is beam_gain."""
-BAND_DRAWS = 100
-"""Draws of the bootstrap over scenes that a curve's band is taken from, the curve itself included."""
-NORMAL_REACH = 1.645
-"""Standard deviations to either side within which a normal number lies with 90 %."""
 
 
 @dataclass(frozen=True)
@@ -166,23 +162,17 @@ def _described(problem: Conditional, curve: UnpairedCandidate) -> Unexplained:
     """The curve on the find scenes, at its knots."""
     name = curve.name
     basis = curve.term.columns.columns
-    scenes = np.flatnonzero(problem.find)
-    rng = np.random.default_rng(0)
 
     def heights(weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
         return problem.solved([curve.term.block], weight=weight).side[len(problem.nuisance.columns) :]
 
-    fits = [heights(problem.weight)]
-    # Scenes are drawn with replacement: rays of one scene are no independent witnesses.
-    for _ in range(BAND_DRAWS - 1):
-        drawn = rng.choice(scenes, len(scenes))
-        fits.append(heights(np.bincount(drawn, minlength=len(problem.find)).astype(float)))
+    drawn = [heights(weight) for weight in problem.resampled()]
     # A knot lies where its hat function is high.
     x = problem.comparison.covariates[name]
     knots = np.array([np.average(x, weights=basis[:, k] ** 4 + 1e-12) for k in range(basis.shape[1])])
     order = np.argsort(knots)
-    y = fits[0][order]
-    band = NORMAL_REACH * np.std(fits[1:], axis=0)[order]
+    y = heights(problem.weight)[order]
+    band = problem.reach * np.std(drawn, axis=0)[order]
     dependence = Dependence("intensity", name, curve.chance, 0.0, curve.total)
     character, formula = shape_of(knots[order], y, basis.sum(0)[order], dependence=dependence)
     formula += f" (x: {X_WORDS.get(name, name)})"

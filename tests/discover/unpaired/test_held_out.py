@@ -14,9 +14,12 @@ from jaxsim.discover.unpaired.workflow import curve_covariates
 from tests.discover.unpaired.made import candidate
 
 
-def test_scenes_of_either_side_are_dealt_to_the_folds_in_turn():
-    measured = np.array([True, True, False, True, False, True, True])
-    np.testing.assert_array_equal(_folds(measured), [0, 1, 0, 2, 1, 3, 0])
+def test_scenes_of_either_side_are_dealt_to_the_folds_for_themselves():
+    measured = np.array([True, True, False, True, False, True, True, True, False, True, True])
+    fold = _folds(measured)
+    # Eight of one side are two for each of four folds, three of the other one for each of three.
+    np.testing.assert_array_equal(np.bincount(fold[measured]), [2, 2, 2, 2])
+    np.testing.assert_array_equal(np.sort(fold[~measured]), [0, 1, 2])
 
 
 def test_the_share_of_a_covariate_is_that_of_held_out_squares():
