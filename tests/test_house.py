@@ -176,6 +176,21 @@ def test_a_constant_of_discover_has_one_value_and_a_text_where_it_is_a_number():
             assert not name.endswith(OF_RULES), f"{module}: {name} decides, and belongs to the rules"
 
 
+def test_what_discover_compares_with_has_a_name():
+    """A number in a comparison decides something: it is a constant, or a rule. Not so a whole number, a half of what is
+    drawn between 0 and 1, and what lies a rounding beside 1."""
+    unnamed = [
+        f"{module}:{node.lineno}: {ast.unparse(node)}"
+        for module in DISCOVER
+        for node in ast.walk(tree(module))
+        if isinstance(node, ast.Compare)
+        for value in ast.walk(node)
+        if isinstance(value, ast.Constant) and isinstance(value.value, float)
+        if value.value != 0.5 and value.value > 1e-5 and abs(value.value - round(value.value)) > 0.002
+    ]
+    assert not unnamed
+
+
 @pytest.mark.parametrize("room", ["model", "unpaired"])
 def test_the_page_of_a_model_names_its_priors(room):
     """Each name that it gives is there, and no standard deviation of a prior is left out."""

@@ -37,6 +37,12 @@ HALVES = tuple(k / 2 for k in range(-6, 7) if k not in (0, 2))
 EXPONENTS = np.linspace(-4, 4, 33)
 """Exponents of which the best is where the search for a free one begins, a quarter apart."""
 _Curves = Float[np.ndarray, "t n"]
+LEAST_EXPONENT = 0.05
+"""Exponents nearer to 0 are taken as this: at 0 a power is a level."""
+KNOTS_A_CYCLE = 2.5
+"""Knots of a curve that a cycle of a wave needs: two would follow any phase ..."""
+LEAST_CYCLES = 1.01
+"""... but one whole cycle is always tried."""
 GOLDEN = (np.sqrt(5) - 1) / 2
 """Share of its bracket that a section keeps: of two inner points one serves the next section again."""
 SECTIONS = 24
@@ -139,7 +145,7 @@ def _bends(text: str, t: Float[np.ndarray, " n"], unit: str, *, nodes: int) -> l
     # Steeper than a tenth of the span is a step, flatter than twice it a line.
     scales = span * np.geomspace(0.1, 2.0, 14)
     # With less than a cycle it is a bend, with more the knots do not follow it.
-    most = max(min(RULES.wave_cycles[1], len(np.unique(t)) / 2.5), 1.01)
+    most = max(min(RULES.wave_cycles[1], len(np.unique(t)) / KNOTS_A_CYCLE), LEAST_CYCLES)
     periods = tuple((span / np.arange(1.0, most, 0.2)).tolist())
     shapes = []
     for end, grid in ((t.max(), scales), (t.min(), -scales[::-1])):
@@ -169,7 +175,7 @@ def _one(x: np.ndarray) -> _Columns:
 
 def _power(u: Float[np.ndarray, " n"], p: Constants) -> _Columns:
     """The power, kept away from exponent 0, where it is a level."""
-    return _one(u ** np.where(np.abs(p) > 0.05, p, 0.05)[:, None])
+    return _one(u ** np.where(np.abs(p) > LEAST_EXPONENT, p, LEAST_EXPONENT)[:, None])
 
 
 def _reference(x: Float[np.ndarray, " n"]) -> float:

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.edits import displace
 from jaxsim.effects.places import neighbours_m, rays_at
-from jaxsim.effects.rays import Rays, Scan
+from jaxsim.effects.rays import LEAST_M, Rays, Scan
 from jaxsim.effects.recast import recast
 from jaxsim.frame import Array
 from jaxsim.geometry.normals import incidence
@@ -227,7 +227,7 @@ def bends(
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
     """How far the neighbours to the sides, and those above and below, are from one plane with the ray: their mean of
     1 / range (straight on a plane) over the ray's own, less 1. Neighbours that hit nothing count as 10 km away."""
-    inverse = 1 / jnp.maximum(jnp.where(jnp.isfinite(beside_m), beside_m, 1e4), 0.1)
+    inverse = 1 / jnp.maximum(jnp.where(jnp.isfinite(beside_m), beside_m, 1e4), LEAST_M)
     last = elevation_rad.shape[0] - 1
     above = jnp.abs(elevation_rad[jnp.maximum(row - 1, 0)] - elevation_rad[row])
     below = jnp.abs(elevation_rad[jnp.minimum(row + 1, last)] - elevation_rad[row])

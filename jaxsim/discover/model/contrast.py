@@ -19,7 +19,7 @@ from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.places import spans_turn
-from jaxsim.effects.rays import FLOOR, Scan
+from jaxsim.effects.rays import FLOOR, LEAST_M, Scan
 from jaxsim.frame import Array
 
 SCALES = ("cells", "patches")
@@ -138,7 +138,7 @@ def class_trend(
     At angles and ranges that these do not reach, what it says of the nearest that they do; 0 of a class without any."""
     told = np.ones(len(level), bool) if told is None else told
     slant = np.log(np.maximum(np.cos(incidence_rad), STEEPEST_COSINE))
-    far = np.log(np.maximum(range_m, 0.1))
+    far = np.log(np.maximum(range_m, LEAST_M))
     result = np.zeros(len(level))
     for kind in np.unique(semantic[told]):
         of = semantic == kind

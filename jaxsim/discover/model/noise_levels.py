@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 from jaxsim.discover.model.cast import STEEPEST_COSINE
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.places import spans_turn
-from jaxsim.effects.rays import FLOOR, Scan
+from jaxsim.effects.rays import FLOOR, LEAST_M, Scan
 from jaxsim.frame import Array
 
 FINEST: dict[str, float] = dict.fromkeys(("intensity_quantization", "range_quantization"), RULES.finest_step)
@@ -122,7 +122,7 @@ def noise_levels(scan: Scan) -> Levels:
     if inner.sum() < RULES.fewest_differences:
         return steps
     range_m = np.asarray(scan.range_m, np.float64)
-    bend = second_difference(1 / np.maximum(range_m, 0.1))
+    bend = second_difference(1 / np.maximum(range_m, LEAST_M))
     # An error e of the range is one of e / range^2 of 1 / range.
     range_sd = sd_of(np.abs(bend * range_m**2)[inner])
     slant_sd = sd_of(np.abs(second_difference(np.asarray(scan.incidence_rad, np.float64)))[inner])
@@ -209,13 +209,13 @@ def cosine_of(scan: Scan) -> Float[np.ndarray, "f r c"]:
 def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c"]]:
     """Rays whose neighbours to both sides go on with their surface; and rays that hit nothing between two such."""
     left, right = columns_shifted(scan, 1), columns_shifted(scan, -1)
-    # A surface goes on where class, instance and, within 10 % of 1 / range, both neighbours' distances agree.
+    # A surface goes on where class, instance and both neighbours' distances agree.
     alike = left.hit & right.hit & (left.semantic == right.semantic) & (left.instance == right.instance)
-    q_left, q_right = 1 / jnp.maximum(left.range_m, 0.1), 1 / jnp.maximum(right.range_m, 0.1)
+    q_left, q_right = 1 / jnp.maximum(left.range_m, LEAST_M), 1 / jnp.maximum(right.range_m, LEAST_M)
     middle = (q_left + q_right) / 2
-    alike = alike & (jnp.abs(q_left - q_right) < 0.1 * middle)
+    alike = alike & (jnp.abs(q_left - q_right) < RULES.same_surface_bend * middle)
     surface = scan.hit & (scan.semantic == left.semantic) & (scan.instance == left.instance)
-    surface = surface & (jnp.abs(1 / jnp.maximum(scan.range_m, 0.1) - middle) < 0.03 * middle)
+    surface = surface & (jnp.abs(1 / jnp.maximum(scan.range_m, LEAST_M) - middle) < RULES.edge_bend * middle)
     return alike & surface, alike & ~scan.hit
 
 
@@ -236,7 +236,7 @@ def filled(scan: Scan) -> Scan:
     """The scan with single rays put back that it lost within a surface: between their two neighbours."""
     _, hole = neighbourhoods(scan)
     left, right = columns_shifted(scan, 1), columns_shifted(scan, -1)
-    between = 2 / (1 / jnp.maximum(left.range_m, 0.1) + 1 / jnp.maximum(right.range_m, 0.1))
+    between = 2 / (1 / jnp.maximum(left.range_m, LEAST_M) + 1 / jnp.maximum(right.range_m, LEAST_M))
     return replace(
         scan,
         hit=scan.hit | hole,

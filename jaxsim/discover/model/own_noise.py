@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.noise_levels import Levels, neighbourhoods, noise_levels, sd_of, second_difference
 from jaxsim.discover.rules import RULES
-from jaxsim.effects.rays import FLOOR, Scan
+from jaxsim.effects.rays import FLOOR, LEAST_M, Scan
 
 
 def own_levels(simulated: Scan, measured: Scan) -> tuple[Levels, Levels]:
@@ -68,7 +68,7 @@ def _less_intensity(levels: Levels, bends: Float[np.ndarray, " n"], common: floa
 def _range_bends(scan: Scan) -> Float[np.ndarray, "f r c"]:
     """Second differences of ranges along the row, m, 0 on planes."""
     range_m = np.asarray(scan.range_m, np.float64)
-    return second_difference(1 / np.maximum(range_m, 0.1)) * range_m**2
+    return second_difference(1 / np.maximum(range_m, LEAST_M)) * range_m**2
 
 
 def _intensity_bends(scan: Scan) -> Float[np.ndarray, "f r c"]:

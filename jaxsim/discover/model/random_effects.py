@@ -21,6 +21,8 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.model.cast import FIRM, STREET_SD, STRIP_SD
 from jaxsim.discover.model.evidence import POSE_SD, Evidence
 from jaxsim.discover.model.noise import DEGREES, Noise, intensity_variance, reading_variance
+from jaxsim.discover.rules import RULES
+from jaxsim.effects.rays import LEAST_M
 from jaxsim.frame import Array
 from jaxsim.products import einsum, inverse, matmul
 
@@ -77,6 +79,11 @@ class NormalEquations:
 
 
 @jax.jit
+def of_own_surface(off_m: Float[Array, "b c r"], range_m: Float[Array, "b c r"]) -> Bool[Array, "b c r"]:
+    """Whether a reading so far off is of the ray's surface still, moved by a pose, and not of another."""
+    return jnp.abs(off_m) < jnp.maximum(RULES.other_surface_m, POSE_MOST * range_m)
+
+
 def normal_equations(
     ev: Evidence, noise: Noise, off: tuple[Float[Array, "b c r"], Float[Array, "b c r"]]
 ) -> NormalEquations:
@@ -88,8 +95,11 @@ def normal_equations(
     weight_i = jnp.where(ev.compared, (DEGREES + 1) / (DEGREES + residual_i**2 / variance) / variance, 0.0)
     spread = reading_variance(ev.rays, ev, noise)
     # A reading of another surface tells nothing of the pose.
-    near = jnp.abs(residual_r) < jnp.maximum(0.3, POSE_MOST * ev.rays.range_m)
-    weight_r = jnp.where(ev.smooth & near, (DEGREES + 1) / (DEGREES + residual_r**2 / spread) / spread, 0.0)
+    weight_r = jnp.where(
+        ev.smooth & of_own_surface(residual_r, ev.rays.range_m),
+        (DEGREES + 1) / (DEGREES + residual_r**2 / spread) / spread,
+        0.0,
+    )
     weighted = ev.features * weight_i[..., None]
     strips = _strips(ev, weight_i, weighted)
     surfaces = _surfaces(ev, strips)
@@ -231,13 +241,13 @@ def frame_poses(
     """
     measured = jnp.where(on, ev.range_m, predicted_m)
     # r0^2 (1 / r0 - 1 / r) = (r - r0) r0 / r: the change of 1 / range, in metres at the predicted range r0.
-    residual = (measured - predicted_m) * predicted_m / jnp.maximum(measured, 0.1)
+    residual = (measured - predicted_m) * predicted_m / jnp.maximum(measured, LEAST_M)
     return einsum("bij,bj->bi", eq.pose, einsum("bcri,bcr->bi", ev.pose, residual * eq.range_))
 
 
 def moved_by(ev: Evidence, pose: Float[Array, "b 6"], predicted_m: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
     """How far a small motion of each frame moves the predicted ranges, m."""
-    away = einsum("bcri,bi->bcr", ev.pose, pose) / jnp.maximum(predicted_m, 0.1)
+    away = einsum("bcri,bi->bcr", ev.pose, pose) / jnp.maximum(predicted_m, LEAST_M)
     # A grazing ray far away would move without bound, or pass through infinity.
     away = jnp.clip(away, -POSE_MOST, POSE_MOST)
     return predicted_m * away / (1 - away)

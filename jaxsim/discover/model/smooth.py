@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.model.cast import STEEPEST_COSINE
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.effects.places import spans_turn
-from jaxsim.effects.rays import FLOOR, Scan
+from jaxsim.effects.rays import FLOOR, LEAST_M, Scan
 from jaxsim.frame import Array
 
 REACH_RAD = np.deg2rad(2.5)
@@ -44,7 +44,11 @@ MOST_LEVERAGE = 0.3
 MOST_DETAIL = 1.0
 """Intensities off their surface's are held within this share of it."""
 PLANE_MISFIT = 1.5
-"""Scatter about a window's plane over that of noise, up to which it is a plane."""
+"""Scatter about a window's plane over that of noise, up to which it is a plane ..."""
+LEAST_SCATTER = 1e-4
+"""... of noise of this share of 1 / range at least."""
+LEAST_RATIO = 0.5
+"""Smooth 1 / range over the ray's own, below which the window has lost its surface."""
 MOST_PLANE_SD_RAD = 0.1
 """Error that noise of the ranges leaves on a plane's angle, up to which it tells one: of a window whose rays lie in one
 column, slopes across it are unknown."""
@@ -152,7 +156,7 @@ def row_window(
         return raster[frame, *at]
 
     # 1 / range of a plane is linear in the ray's direction, whatever its slope: a plane is a straight line here.
-    ratio = jnp.maximum(own(scan.range_m), 0.1) / jnp.maximum(there(scan.range_m), 0.1)
+    ratio = jnp.maximum(own(scan.range_m), LEAST_M) / jnp.maximum(there(scan.range_m), LEAST_M)
     e, own_e = elevation[at[0]], elevation[row]
     turn = left_by.astype("f4") * (azimuth[1] - azimuth[0])
     # On level ground 1 / range goes with the sine of the elevation, from row to row by a large step.
@@ -219,7 +223,7 @@ def _smooth_row(scan: Scan, frame: Int[Array, ""], row: Int[Array, ""], *, how: 
     window = row_window(scan, frame, row, how=how, reach=reach)
     range_m, incidence_rad = scan.range_m[frame, row], scan.incidence_rad[frame, row]
     middle = window.ratio.shape[0] // 2
-    own_q = 1 / jnp.maximum(range_m, 0.1)
+    own_q = 1 / jnp.maximum(range_m, LEAST_M)
     weight, off = _weights(window, noise=how.range_sd_m * own_q)
     gram = _gram(window.bent, weight)
     of_ratio = gram.solve(_moments(window.bent, weight, window.ratio))
@@ -227,12 +231,12 @@ def _smooth_row(scan: Scan, frame: Int[Array, ""], row: Int[Array, ""], *, how: 
     range_leverage = gram.first_variance()
     albedo, leverage = _levels(window, weight, how.intensity_sd)
 
-    trusted = (weight.sum(0) > FEWEST_BESIDE) & (leverage < MOST_LEVERAGE) & (of_ratio[0] > 0.5)
+    trusted = (weight.sum(0) > FEWEST_BESIDE) & (leverage < MOST_LEVERAGE) & (of_ratio[0] > LEAST_RATIO)
     misfit = jnp.sqrt((weight * off**2).sum(0) / jnp.maximum(weight.sum(0), 1e-6))
     plane = trusted & (weight[middle] > 0) & (range_leverage < MOST_RANGE_LEVERAGE)
     # Where many neighbours had to be left out, those that stayed may lie on two surfaces.
     plane = plane & (weight.mean(0) > LEAST_OF_NEIGHBOURS * window.same.mean(0))
-    plane = plane & (misfit < PLANE_MISFIT * jnp.maximum(how.range_sd_m * own_q, 1e-4))
+    plane = plane & (misfit < PLANE_MISFIT * jnp.maximum(how.range_sd_m * own_q, LEAST_SCATTER))
     # The plane's normal is (1, u, v) by middle ray, left and up (effects.scan).
     u, v = of_ratio[1] / of_ratio[0] / reach, of_ratio[2] / of_ratio[0] / reach
     slope_sd = how.range_sd_m * own_q / reach * gram.slope_sd()

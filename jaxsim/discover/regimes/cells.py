@@ -22,6 +22,9 @@ from jaxsim.discover.model.noise import Noise
 from jaxsim.effects import Law
 from jaxsim.frame import Array
 
+LEAST_CURVATURE = 0.01
+"""Share of the mean curvature that every cell has at least."""
+
 
 @dataclass(frozen=True)
 class Shares:
@@ -92,7 +95,7 @@ def cells_of(effect: Law, problem: Problem, result: Fit, *, sector: Int[np.ndarr
     # Two gradients stand for a second derivative.
     curvature = summed(shares.slope(0.0), sector, sectors) - slope
     # A cell of few rays may bend upwards by chance; it then counts for next to nothing.
-    least = 0.01 * max(float(curvature.mean()), 1e-6)
+    least = LEAST_CURVATURE * max(float(curvature.mean()), 1e-6)
     return Cells(slope, np.maximum(curvature, least), summed(of_rays**2, sector, sectors))
 
 

@@ -49,7 +49,13 @@ class CompareRules:
     plane_bend: float = 0.01
     """Below this the range image shows a plane, and gives its normal (a judgement, not calibrated)."""
 
+    same_surface_bend: float = 0.1
+    """A surface goes on past a ray, lost or not, where its two neighbours differ by less than this share of 1 / range
+    (a judgement, not calibrated)."""
+
     # Surfaces that one side alone has.
+    other_surface_m: float = 0.3
+    """How far a reading lies off from where on it is of another surface (a judgement, not calibrated)."""
     one_side_share: float = 0.003
     """Share of all rays, with those that hit nothing, up to which readings of a surface that one side alone has are
     left where they are (set on single effects and nulls of the development seeds: 0.13 % at most, beside edges)."""

@@ -22,8 +22,6 @@ class ShowRules:
     agreeing_scenes: int = 7
     """Scenes that must each gain a nat or so for the test over scenes to pass (follows from `agreement_level`: 2 x
     2^-7)."""
-    other_surface_m: float = 0.3
-    """Change of a range from which on another surface is met (a judgement, not calibrated)."""
     ray_nats: float = 4.0
     """What one ray counts for at most (set on the null, which a reading far off, or a lost ray, costs about that much).
     """

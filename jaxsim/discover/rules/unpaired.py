@@ -58,6 +58,9 @@ class UnpairedRules:
     judgement, not calibrated)."""
 
     # Readings that the law is learned from.
+    unpaired_bright_quantile: float = 0.75
+    """Quantile of measured intensities that stay whatever lattice they lie on: a quarter is as bright or brighter (a
+    judgement, not calibrated)."""
     unpaired_held_sd: float = 3.0
     """Robust standard deviations about each side's own law at which readings are held (a judgement, not calibrated).
     """

@@ -29,7 +29,7 @@ from jaxsim.discover.model.gradients import effect_with_gradient
 from jaxsim.discover.model.likelihood import log_reported
 from jaxsim.discover.model.noise import DEGREES, MOST, Noise, reading_variance
 from jaxsim.discover.model.parameters import fitted_parameters, to_z
-from jaxsim.discover.model.random_effects import POSE_MOST, NormalEquations, pose_shift, reflectance
+from jaxsim.discover.model.random_effects import NormalEquations, of_own_surface, pose_shift, reflectance
 from jaxsim.discover.name.look_alikes import visible
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
@@ -202,7 +202,7 @@ def _of_intensity(ev: Evidence, before: Rays, after: Rays, *, equations: NormalE
 
 def _of_range(ev: Evidence, before: Rays, after: Rays, *, equations: NormalEquations) -> HeldAndFree:
     change = jnp.where(ev.smooth & after.hit, after.reading_m - before.reading_m, 0)
-    near = jnp.abs(change) < jnp.maximum(RULES.other_surface_m, POSE_MOST * before.range_m)
+    near = of_own_surface(change, before.range_m)
     read = replace(ev, range_m=jnp.where(near, before.reading_m + change, before.reading_m))
     shift, cost = pose_shift(read, equations, before.reading_m, on=ev.smooth)
     weight = OF_MEAN * equations.range_

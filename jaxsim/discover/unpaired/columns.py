@@ -51,6 +51,8 @@ DERIVATIVE_STEP = 0.25
 """Part of a parameter's scale over which derivatives are taken."""
 FREE_PRECISION = 1e-4
 """Precision of the overall gain, and of the size of a start's column: next to free."""
+HEIGHTS_M = (-1.0, 8.0)
+"""Heights over the ground between which the law depends on them."""
 GROUND = 0
 """Kind of a level surface near the ground's height, ..."""
 UPRIGHT = 1
@@ -178,7 +180,7 @@ def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
     """Additive curves over all covariates, those over range, incidence and height for each kind of surface."""
     r = comparison.rays
     surfaces = one_hot(kind, np.array(KINDS))
-    height = np.clip(comparison.height_m, -1.0, 8.0)
+    height = np.clip(comparison.height_m, *HEIGHTS_M)
     parts = [
         one_hot(r.row),
         products(surfaces, curve(np.log(r.range_m), 10)),
@@ -198,7 +200,7 @@ def scene_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -
     order is that of SCENE_SD."""
     surfaces = one_hot(kind, np.array(KINDS))
     # Centred, so that a slope leaves the level alone.
-    slopes = [np.log(comparison.rays.range_m), comparison.rays.incidence_rad, np.clip(comparison.height_m, -1.0, 8.0)]
+    slopes = [np.log(comparison.rays.range_m), comparison.rays.incidence_rad, np.clip(comparison.height_m, *HEIGHTS_M)]
     return np.concatenate([surfaces, *(surfaces * (x - x.mean())[:, None] for x in slopes)], axis=1)
 
 

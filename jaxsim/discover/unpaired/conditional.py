@@ -42,7 +42,7 @@ from jaxsim.discover.unpaired.equations import (
 )
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS
-from jaxsim.effects.rays import REFERENCE_M, Rays
+from jaxsim.effects.rays import LEAST_M, REFERENCE_M, Rays
 from jaxsim.metrics.intervals import student_reach
 
 GROUND_PATCH_SD = 0.25
@@ -196,7 +196,7 @@ def compare(
 
 def _rays_by_law(rays: Rays, predicted: Float[np.ndarray, " n"]) -> Rays:
     """The rays with the intensity that the law says, and the power that goes with it."""
-    power = predicted - 2 * np.log(np.maximum(rays.range_m, 0.1) / REFERENCE_M)
+    power = predicted - 2 * np.log(np.maximum(rays.range_m, LEAST_M) / REFERENCE_M)
     said = predicted.astype(np.float32)
     return replace(rays, log_intensity=said, met_log_intensity=said, log_power=power.astype(np.float32))
 

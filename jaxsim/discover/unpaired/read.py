@@ -138,7 +138,7 @@ def _bent_by_rounding(theirs: SideFrames, steps: dict[str, float]) -> float:
         return 0.0
     intensity = theirs.readings("intensity")
     # Between two of the lattice's values: many readings may be the very quantile.
-    below_bright = float(np.quantile(intensity[intensity > 0], 0.75)) - step / 2
+    below_bright = float(np.quantile(intensity[intensity > 0], RULES.unpaired_bright_quantile)) - step / 2
     return min(RULES.unpaired_bent_steps * step, below_bright)
 
 
