@@ -9,11 +9,13 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from tqdm import tqdm
 
+Log = Callable[[str], None]
+"""Where lines on the progress of a long task go."""
 QUIET = "JAXSIM_QUIET"
 """Set to anything by `--quiet`; processes that a command starts inherit it."""
 LINE_EVERY_S = 30.0

@@ -117,7 +117,7 @@ def parameters_of(effect: Law, z: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, " k"]:
+def variances(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, " k"]:
     """Variance of every z, in the raveled order: the larger of the curvature's and the sandwich's of White (1982),
     whose filling is the scatter of the scenes' slopes."""
     scene = np.asarray(problem.ev.scene)
@@ -155,7 +155,7 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
         [(name, value)] = to_values(effect, result.z).items()
         half = step_known_to(problem.ev, effect.name, float(value))
         return {name: Interval.about(float(value), half, effect.parameters[name].unit)}
-    sd = np.sqrt(covariance(effect, problem, result))
+    sd = np.sqrt(variances(effect, problem, result))
     reach = RULES.interval_widening * float(student_reach(len(np.unique(np.asarray(problem.ev.scene)))))
     of_z = restorer(result.z)(sd)
     values = to_values(effect, result.z)

@@ -10,7 +10,6 @@ from pathlib import Path
 from jaxsim.devices import by_small_steps
 from jaxsim.discover.find.dependences import find_dependences
 from jaxsim.discover.find.division import NOTHING_YET
-from jaxsim.discover.name.select import Log
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.regimes.find import find_regimes
@@ -21,6 +20,7 @@ from jaxsim.discover.stages.place import Standing, place
 from jaxsim.discover.verdict import Result, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
+from jaxsim.progress import Log
 
 
 def discover_folders(

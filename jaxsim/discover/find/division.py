@@ -277,7 +277,7 @@ class AllScenes:
         ev, scene = division.evidence((*find, *judge), null.known)
         return cls(null, division, ev, scene, (scene < len(find)).astype(np.float32))
 
-    def with_effects(self, effects: Chain = (), noise: Noise | None = None) -> Problem:
+    def problem_with(self, effects: Chain = (), noise: Noise | None = None) -> Problem:
         """The null model's problem here, with effects in place and the `noise` that they leave (by default the
         null's)."""
         null = self.null.problem

@@ -100,10 +100,10 @@ def missing(levels: tuple[Level, ...], made: Mapping[str, float] | None = None) 
     certain, less what the effects have `made` of them already."""
     result = {}
     for level in levels:
-        there = (made or {}).get(level.name, 0.0)
-        if level.missing.low > there:
+        by_effects = (made or {}).get(level.name, 0.0)
+        if level.missing.low > by_effects:
             power = power_of(level.name)
-            result[level.name] = (level.missing.value**power - there**power) ** (1 / power)
+            result[level.name] = (level.missing.value**power - by_effects**power) ** (1 / power)
     return result
 
 

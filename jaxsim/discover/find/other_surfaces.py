@@ -95,10 +95,10 @@ def met_by_chance(scan: Scan, measured: Measured) -> Scan:
     frame, row, column = alone
     nearest_m = np.full(len(frame), np.inf)
     for rows, columns in product(range(-BESIDE, BESIDE + 1), repeat=2):
-        there = np.array([row + rows, column + columns])
-        within = (there >= 0).all(0) & (there < np.array(hit.shape[1:])[:, None]).all(0)
+        cell = np.array([row + rows, column + columns])
+        within = (cell >= 0).all(0) & (cell < np.array(hit.shape[1:])[:, None]).all(0)
         # Beyond the border a ray stands for itself, which hits nothing.
-        aside = (frame, np.where(within, there[0], row), np.where(within, there[1], column))
+        aside = (frame, np.where(within, cell[0], row), np.where(within, cell[1], column))
         off_m = np.abs(read_m[alone] - range_m[aside])
         near = hit[aside] & np.asarray(near_enough(read_m[alone], range_m[aside])) & (off_m < nearest_m)
         nearest_m = np.where(near, off_m, nearest_m)

@@ -125,7 +125,7 @@ def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Le
     weights = [hats(values, at) for values, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])
     tried = with_columns(problem, products(*weights))
-    [candidate] = rank_effects(tried, [CURVES[channel]], null=problem.null_fits)
+    [candidate] = rank_effects(tried, [CURVES[channel]], null_fits=problem.null_fits)
     nothing = (0.0,) * size
     return Learned(channel, "product", names, tuple(map(_plain, knots)), nothing, nothing), candidate
 

@@ -59,17 +59,17 @@ def contrast_of(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"]
 def within_classes(scan: Scan, index: RayIndex, *, given_rad: Float[Array, "f r n"]) -> Contrasts:
     """The contrast of cells over what is usual of their class; of dark and of bright surfaces where all are of one."""
     own = np.log(np.maximum(np.asarray(scan.intensity)[index], FLOOR))
-    there = _reads(scan)[index]
-    semantic = np.asarray(scan.semantic)[index][there]
+    reads = _reads(scan)[index]
+    semantic = np.asarray(scan.semantic)[index][reads]
     usual = class_trend(
-        own[there].astype(float),
+        own[reads].astype(float),
         semantic=semantic,
-        incidence_rad=np.asarray(given_rad)[index][there],
-        range_m=np.asarray(scan.range_m)[index][there],
+        incidence_rad=np.asarray(given_rad)[index][reads],
+        range_m=np.asarray(scan.range_m)[index][reads],
     )
     names, shares = _of_classes(semantic, usual)
-    nats = np.zeros((*there.shape, len(names)), np.float32)
-    nats[there] = np.clip(own[there] - usual, -MOST_OF_CLASS, MOST_OF_CLASS)[:, None] * shares
+    nats = np.zeros((*reads.shape, len(names)), np.float32)
+    nats[reads] = np.clip(own[reads] - usual, -MOST_OF_CLASS, MOST_OF_CLASS)[:, None] * shares
     return Contrasts(names, nats)
 
 
@@ -100,8 +100,8 @@ def _beside(scan: Scan, index: RayIndex) -> Float[np.ndarray, "b c r k"]:
     step = np.median(np.abs(np.angle(np.exp(1j * np.diff(azimuth)))))
     patch = PATCH_ROWS, max(2, round(PATCH_RAD / max(step, 1e-6)))
     turns = bool(spans_turn(scan.grid))
-    there, own = counts[index], light[index]
-    contrast = np.zeros((*there.shape, len(SCALES)), np.float32)
+    reads, own = counts[index], light[index]
+    contrast = np.zeros((*reads.shape, len(SCALES)), np.float32)
     places = np.asarray(index)
     # Frame by frame: the means of hundreds of frames would not fit beside these.
     for frame in np.unique(places[0]):
@@ -110,7 +110,7 @@ def _beside(scan: Scan, index: RayIndex) -> Float[np.ndarray, "b c r k"]:
         near = _mean_about(light[frame], counts[frame], (1, 1), turns=turns)
         far = _mean_about(light[frame], counts[frame], patch, turns=turns)
         contrast[of] = np.stack([own[of] - near[at], near[at] - far[at]], axis=-1)
-    return np.where(there[..., None], np.clip(contrast, -MOST_CONTRAST, MOST_CONTRAST), 0)
+    return np.where(reads[..., None], np.clip(contrast, -MOST_CONTRAST, MOST_CONTRAST), 0)
 
 
 def _mean_about(

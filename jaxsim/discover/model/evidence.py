@@ -181,8 +181,8 @@ def gather(
     given = scan.incidence_rad if given_rad is None else given_rad
     surfaces = surfaces_of(scan, index)
     per_ray = at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator or Meant.as_said(scan))
-    others, there = np.isin(np.asarray(scan.semantic)[index], apart), np.asarray(scan.hit)[index]
-    if (others & there).sum() <= RULES.apart_most_share * there.sum():
+    others, returned = np.isin(np.asarray(scan.semantic)[index], apart), np.asarray(scan.hit)[index]
+    if (others & returned).sum() <= RULES.apart_most_share * returned.sum():
         per_ray = replace(per_ray, trusted=per_ray.trusted & ~others)
     fields = _fields_of_rays(
         scan,

@@ -134,12 +134,12 @@ def log_echo(rays: Rays, ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c 
     this is lost, that of a neighbour: a ray which meets the background beside a post is not what hides the post."""
     stepped = jnp.logical_or(ev.edge, ev.step)
     missed = jnp.where(stepped, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
-    there = jnp.isfinite(rays.beside_m)
+    neighbours = jnp.isfinite(rays.beside_m)
     # Silhouettes lose more than other edges: the later line wins.
-    missed = jnp.where(there.all(-1), missed, jax.nn.log_sigmoid(-noise.drop_sky))
+    missed = jnp.where(neighbours.all(-1), missed, jax.nn.log_sigmoid(-noise.drop_sky))
     switch, _ = log_stray(ev, noise)
     own_lost = jnp.log(-jnp.expm1(jnp.minimum(rays.log_keep, -1e-6)))
-    beside = own_lost + switch + jnp.log(there.mean(-1) + 1e-9)
+    beside = own_lost + switch + jnp.log(neighbours.mean(-1) + 1e-9)
     return rays.log_keep + missed, jnp.maximum(beside + missed, NEVER)
 
 

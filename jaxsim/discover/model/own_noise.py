@@ -31,8 +31,8 @@ def own_levels(simulated: Scan, measured: Scan) -> tuple[Levels, Levels]:
     common = common_variance(*bends)
     ours, theirs = _less_intensity(ours, bends[0], common), _less_intensity(theirs, bends[1], common)
     # A ray that the sensor lost with the simulator was not lost by the simulator's own chance.
-    there = np.asarray(measured.hit)
-    if hole.any() and there[hole].mean() < (1 - RULES.common_noise) * there[inner].mean():
+    returned = np.asarray(measured.hit)
+    if hole.any() and returned[hole].mean() < (1 - RULES.common_noise) * returned[inner].mean():
         ours, theirs = replace(ours, loss=0.0), replace(theirs, loss=0.0)
     return ours, theirs
 

@@ -83,17 +83,17 @@ def find_knock(comparison: Comparison, candidates: Collection[str], parts: Split
     whole = question.inside[k][:, 0]
     inside = np.array([whole[facts.scene == n].all() for n in range(len(names))])
     learn = np.isin(comparison.scenes, names[inside & np.isin(names, parts.find)])
-    there = _registered(comparison, learn)
+    of_region = _registered(comparison, learn)
     outside = np.median(poses[~inside], axis=0)
     # Off on both sides of a moment it is no knock of a sensor that stood right.
     effects = tuple(
         name
         for name in OF_POSE
-        if name in candidates and name in there.sure and _far(outside[MOTION_PARTS[name]]) <= least_motion(name)
+        if name in candidates and name in of_region.sure and _far(outside[MOTION_PARTS[name]]) <= least_motion(name)
     )
     if not effects:
         return None
-    return Knock(question.regions[k], question.divides, effects, there, p, float(rates[best]))
+    return Knock(question.regions[k], question.divides, effects, of_region, p, float(rates[best]))
 
 
 def _registered(comparison: Comparison, frames: Bool[np.ndarray, " f"]) -> Registration:
@@ -152,7 +152,7 @@ def named_knock(
     assert registered is not None, "a knock was found without a registration"
     held = knock.inside(comparison)
     inside = [name for name, part in zip(comparison.scenes, held, strict=True) if part]
-    there = replace(
+    parts_inside = replace(
         parts,
         find=tuple(name for name in parts.find if name in inside),
         judge=tuple(name for name in parts.judge if name in inside),
@@ -162,7 +162,7 @@ def named_knock(
     regimes: list[Regime] = []
     for name in knock.effects:
         part = MOTION_PARTS[name]
-        on_find, on_judge = gains(registered.frames[held], part, scenes=inside, parts=there)
+        on_find, on_judge = gains(registered.frames[held], part, scenes=inside, parts=parts_inside)
         gain = clipped(on_find)
         nats = Interval.of_scenes(gain, "nats per scene inside")
         effect = Named.alone(name, knock.p_value, nats, parameters=parameters(knock.registered, name))

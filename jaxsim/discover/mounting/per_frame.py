@@ -53,8 +53,8 @@ def steadied(comparison: Comparison) -> Comparison:
     # A frame that agrees no better there was registered to something else.
     own[registered.near <= registered.near_as_given] = 0
     effects = of_frames(own, rows=comparison.scan.range_m.shape[1])
-    there = brought(comparison, {name: effects[name] for name in OF_POSE})
-    return replace(there, own_places=True, notes=(*comparison.notes, unsteady_in_words(registered)))
+    placed = brought(comparison, {name: effects[name] for name in OF_POSE})
+    return replace(placed, own_places=True, notes=(*comparison.notes, unsteady_in_words(registered)))
 
 
 def unsteady_in_words(registered: Registration) -> str:

@@ -16,13 +16,14 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.doubts import DENIED, NO_DOUBTS, OUTDONE, SHOWN_BY, SHOWN_ELSEWHERE, Doubts
 from jaxsim.discover.name.null_draws import draw_nulls
 from jaxsim.discover.name.other_sides import CONTROL
-from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, add_steps, choose, step_along, with_steps
+from jaxsim.discover.name.select import Bars, Choice, FittedStep, add_steps, choose, step_along, with_steps
 from jaxsim.discover.name.unexplained import agreed, curve_numbers, describe_curve, free_curves
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.verdict import NullDraws, Unexplained
 from jaxsim.effects import Effect, Law
 from jaxsim.effects.effect import CHANNELS
+from jaxsim.progress import Log
 
 Along = tuple[str, str]
 """A free curve's channel and covariate."""

@@ -120,14 +120,14 @@ class Candidate:
 
 
 def rank_effects(
-    problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit] | None = None, bar: float = -np.inf
+    problem: Problem, effects: Iterable[Law], *, null_fits: Sequence[Fit] | None = None, bar: float = -np.inf
 ) -> list[Candidate]:
     """Every effect fitted on each fold's scenes and scored on the others; largest gain first.
 
-    `null` saves its fits where they are known. Where only what passes a `bar` is asked for, an effect whose first fit
-    leaves no hope of it is not fitted on the other folds.
+    `null_fits` saves these fits where they are known. Where only what passes a `bar` is asked for, an effect whose first
+    fit leaves no hope of it is not fitted on the other folds.
     """
-    trial = _Trial.of(problem, null or problem.null_fits, bar=bar)
+    trial = _Trial.of(problem, null_fits or problem.null_fits, bar=bar)
     with ThreadPoolExecutor(THREADS) as pool:
         # Effects that round are tried where a lattice was read off the data, and nowhere else.
         tried = [e for e in effects if e.name not in FINEST or e.name in trial.steps]
@@ -157,7 +157,7 @@ class _Trial:
     scene: Int[np.ndarray, " b"]
     masks: Float[np.ndarray, "k b"]
     """For each fold, 1 for the blocks that are fitted and 0 for those held out."""
-    null: Sequence[Fit]
+    null_fits: Sequence[Fit]
     steps: dict[str, float]
     """Of the lattices on which readings lie, by the effect that rounds."""
     starts: dict[str, tuple[dict[str, Any], ...]]
@@ -165,9 +165,9 @@ class _Trial:
     bar: float
 
     @classmethod
-    def of(cls, problem: Problem, null: Sequence[Fit], *, bar: float) -> _Trial:
+    def of(cls, problem: Problem, null_fits: Sequence[Fit], *, bar: float) -> _Trial:
         scene = np.asarray(problem.ev.scene)
-        return cls(problem, scene, folds(scene), null, rounded(problem.ev), starts_of(problem), bar)
+        return cls(problem, scene, folds(scene), null_fits, rounded(problem.ev), starts_of(problem), bar)
 
     def candidate(self, effect: Law) -> Candidate:
         """An effect fitted on each fold; on the first alone where that leaves no hope."""
@@ -199,7 +199,7 @@ class _Trial:
 
     def fold_gain(self, effect: Law, fold: int, *, start: dict[str, Any]) -> _FoldGain:
         """An effect fitted to one fold's scenes from a start, and what it gains."""
-        in_fit, base = self.masks[fold], self.null[fold]
+        in_fit, base = self.masks[fold], self.null_fits[fold]
         # Candidate and null begin at the same noise, so that what one gains is the effect's.
         problem = replace(self.problem, noise=base.noise)
         used = score_columns(effect)

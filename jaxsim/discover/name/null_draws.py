@@ -24,12 +24,11 @@ from jaxtyping import Bool, Float
 from jaxsim.discover.find.dependences import dependences_of
 from jaxsim.discover.model.evidence import Evidence, near_enough
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.likelihood import DEGREES, log_reported, log_stray, near_sd
-from jaxsim.discover.model.noise import range_variance
+from jaxsim.discover.model.likelihood import log_reported, log_stray, near_sd
+from jaxsim.discover.model.noise import DEGREES, range_variance
 from jaxsim.discover.model.null_model import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, frame_poses, levels_of, moved_by
 from jaxsim.discover.name.candidates import Candidate, rank_effects
-from jaxsim.discover.name.select import Log
 from jaxsim.discover.name.unexplained import free_curves, sure
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import NullDraws
@@ -37,6 +36,7 @@ from jaxsim.effects import Effect
 from jaxsim.effects.chain import sample
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
 from jaxsim.frame import Array
+from jaxsim.progress import Log
 
 Array3 = Float[np.ndarray, "b c r"]
 
@@ -95,10 +95,10 @@ def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
     rays = replace(ev.rays, log_intensity=lit, reading_m=reading, hit=returns, log_keep=log_keep)
     # A sensor that reports zeros reports one where the light is below its lowest reading.
     zeros = bool((ev.intensity[np.asarray(ev.returned)] == 0).any())
-    return _with_readings(ev, rays, jax.random.key(seed), zeros=zeros)
+    return _drawn_from(ev, rays, jax.random.key(seed), zeros=zeros)
 
 
-def _with_readings(ev: Evidence, rays: Rays, key: Array, *, zeros: bool) -> Evidence:
+def _drawn_from(ev: Evidence, rays: Rays, key: Array, *, zeros: bool) -> Evidence:
     """The evidence with one draw of what these rays may say; `zeros`: light below the lowest reading reads 0."""
     # Blocks of columns (b, c, r) as images (b, r, c), which `sample` draws.
     leaves = {f.name: getattr(rays, f.name) for f in fields(Rays)}

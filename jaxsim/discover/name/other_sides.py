@@ -190,12 +190,12 @@ def exchange(comparison: Comparison, division: Division) -> Comparison:
     reported = np.asarray(raw.hit)
     simulated = Measured(np.where(reported, raw.range_m, 0), np.where(reported, raw.intensity, 0), reported)
     known = met_by_chance(division.simulator.scan, comparison.measured)
-    scan = _with_readings(known, comparison.measured)
+    scan = _with_measured(known, comparison.measured)
     # What the simulator lacks by itself the sensor does not.
     return replace(comparison, scan=scan, measured=simulated, lattices=None, control=NO_CONTROL)
 
 
-def _with_readings(meant: Scan, measured: Measured) -> Scan:
+def _with_measured(meant: Scan, measured: Measured) -> Scan:
     """What the simulator means, with the measured readings in place of its own."""
     # Rays that the simulator lost by chance are put back in what it means.
     valid = jnp.asarray(measured.valid)

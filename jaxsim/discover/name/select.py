@@ -21,9 +21,7 @@ from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.effects import Effect, Law
-
-Log = Callable[[str], None]
-"""Where lines on the progress go."""
+from jaxsim.progress import Log
 
 
 @runtime_checkable

@@ -52,11 +52,11 @@ def free_curves(
     """Curves along the strongest covariates of each channel, and along those that levels take up, fitted and judged
     like effects; best first. Where intensities follow the readout, additions are tried beside gains. Channels `without`
     are left out; `bar` is that of `rank_effects`."""
-    null = problem.null_fits
+    null_fits = problem.null_fits
 
     def curve_along(dependence: Dependence) -> tuple[Dependence, Candidate]:
         with_curve = with_basis(problem, dependence.covariate)
-        [candidate] = rank_effects(with_curve, [CURVES[dependence.change]], null=null, bar=bar)
+        [candidate] = rank_effects(with_curve, [CURVES[dependence.change]], null_fits=null_fits, bar=bar)
         return dependence, candidate
 
     tried: list[Dependence] = []

@@ -13,7 +13,7 @@ from jaxsim.discover.find.division import AllScenes, Division, NullModel
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.name.answer import Answer, named_answer, outdone, stands
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.name.select import Choice, FittedStep, Log, needless, with_steps, worse
+from jaxsim.discover.name.select import Choice, FittedStep, needless, with_steps, worse
 from jaxsim.discover.name.unexplained import curve_numbers
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.regimes.confine import confine, sharpened
@@ -24,6 +24,7 @@ from jaxsim.discover.regimes.sizes import Sized, least_size, sized, sizes_at
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Regime
 from jaxsim.effects.region import Region
+from jaxsim.progress import Log
 
 
 def regime_of(told: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:

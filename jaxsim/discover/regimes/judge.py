@@ -30,7 +30,7 @@ class JudgeScenes:
     @classmethod
     def of(cls, scenes: AllScenes) -> JudgeScenes:
         """All scenes of a null model."""
-        return cls(scenes, scenes.with_effects())
+        return cls(scenes, scenes.problem_with())
 
     def halves(self) -> tuple[JudgeScenes, JudgeScenes]:
         """The same with every second column alone: even ones, and odd ones."""

@@ -50,7 +50,7 @@ class Dense:
 
     def maps(self, effects: Chain = (), noise: Noise | None = None) -> dict[str, Maps]:
         """What is left with `effects` in place, which leave `noise` (by default the null's)."""
-        problem = self.scenes.with_effects(effects, noise)
+        problem = self.scenes.problem_with(effects, noise)
         columns = self.scenes.division.scan.range_m.shape[2]
         return maps_of(problem, self.scenes.in_fit, self.scenes.scene, columns=columns)
 

@@ -66,8 +66,8 @@ def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chai
     every = AllScenes.of(null)
     in_fit, scene = every.in_fit, every.scene
     # Effects leave less noise than the null has: each side is judged with its own.
-    before = every.with_effects()
-    after = every.with_effects(chain, noise)
+    before = every.problem_with()
+    after = every.problem_with(chain, noise)
     curves = residual_curves(before, after, in_fit=in_fit, scene=scene, effects=[effect for effect, _ in chain])
 
     def away(problem: Problem) -> Distance:
@@ -75,7 +75,7 @@ def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chai
 
     def numbers() -> tuple[dict[str, Gap], Interval | None]:
         was, now = away(before), away(after)
-        instead = away(every.with_effects(*placebo)) if placebo else was
+        instead = away(every.problem_with(*placebo)) if placebo else was
         floor = away(_with_floor(every, before, [effect for effect, _ in chain]))
         shown = gaps(was, now, placebo=instead, floor=floor)
         return shown, closure(was, now, floor=floor, channels={name for effect, _ in chain for name in effect.channels})
@@ -92,7 +92,7 @@ def judged_by_reported(null: NullModel, added: Added) -> dict[str, float]:
     if not held:
         return {}
     every = AllScenes.of(null)
-    before, judged = every.with_effects(), every.in_fit == 0
+    before, judged = every.problem_with(), every.in_fit == 0
     without = score_at(NOTHING, before, every.in_fit, z={}, noise=before.noise)
     gained = {}
     for one in held:
@@ -128,7 +128,7 @@ def judge_gains(every: AllScenes, chain: Chain, noise: Noise | None = None) -> F
     """Nats that a judge scene gains in each channel, in the mean, by effects and the `noise` that they leave (by
     default as it is fitted to the find scenes)."""
     noise = refitted(in_place(every.null.problem, chain)).noise if noise is None else noise
-    before, after = every.with_effects(), every.with_effects(chain, noise)
+    before, after = every.problem_with(), every.problem_with(chain, noise)
     sides = [distance(problem, every.in_fit, before.equations, scene=every.scene) for problem in (before, after)]
     return (sides[1].log_likelihood - sides[0].log_likelihood).mean(0)
 
@@ -138,8 +138,8 @@ def _frames(null: NullModel, chain: Chain, noise: Noise, *, curves: tuple[CurveL
     parts: dict[str, list[JudgeFrame]] = {}
     for chunk in whole_frames(null.division):
         every = AllScenes.of(null, chunk.division)
-        before = every.with_effects()
-        after = every.with_effects(chain, noise)
+        before = every.problem_with()
+        after = every.problem_with(chain, noise)
         for part in rays_of(before, after, in_fit=every.in_fit, chunk=chunk, curves=curves):
             parts.setdefault(part.name, []).append(part)
     return tuple(map(joined, parts.values()))

@@ -142,8 +142,8 @@ def add(sums: Sums, block: JudgedBlock, by: HeldAnswer) -> None:
     ev, scene = division.evidence(scenes, by.null.known)
     in_fit = block.in_fit
     every = AllScenes(by.null, division, ev, scene, in_fit)
-    before = every.with_effects()
-    after = every.with_effects(by.chain, by.noise)
+    before = every.problem_with()
+    after = every.problem_with(by.chain, by.noise)
     sides = [block_distances(problem, in_fit, before.equations) for problem in (before, after)]
     gain = sides[1].log_likelihood - sides[0].log_likelihood
     # Frames that only fill up have no name, and count nowhere.

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.add import add_effects
 from jaxsim.discover.find.division import AllScenes, NullModel
-from jaxsim.discover.name.select import Log, choose
+from jaxsim.discover.name.select import choose
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.show import judge_gains
@@ -28,7 +28,7 @@ from jaxsim.discover.verdict import Named
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.effect import CHANNELS
-from jaxsim.progress import counted
+from jaxsim.progress import Log, counted
 
 OF_DIRECTIONS = ("sector_occlusion", "motion_distortion", "window_contamination")
 """Effects of a direction of the sensor, or of the moment within a turn."""

@@ -25,8 +25,8 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.find.covariates import COVARIATES, curve_basis, values_of
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.likelihood import DEGREES, log_likelihood, log_lost, rounding_gain
-from jaxsim.discover.model.noise import Noise
+from jaxsim.discover.model.likelihood import log_likelihood, log_lost, rounding_gain
+from jaxsim.discover.model.noise import DEGREES, Noise
 from jaxsim.discover.model.null_model import residual_spread, residuals
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals
 from jaxsim.discover.rules import RULES

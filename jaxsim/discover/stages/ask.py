@@ -18,12 +18,12 @@ from jaxsim.discover.name.closer_look import believed, fulfilled, told_whole, un
 from jaxsim.discover.name.doubts import Doubts
 from jaxsim.discover.name.look_alikes import with_look_alikes
 from jaxsim.discover.name.other_sides import OtherSides
-from jaxsim.discover.name.select import Log
 from jaxsim.discover.name.simulator_contrast import contrast_off
 from jaxsim.discover.read import read_comparison
 from jaxsim.discover.read.control import Control
 from jaxsim.discover.stages.place import Placed
 from jaxsim.effects import Effect
+from jaxsim.progress import Log
 
 HIDDEN_BY_NOISE = (("intensity", "rgb"), ("intensity", "hue"), ("intensity", "hue angle"))
 """What noise on the simulator's intensities hides of its surfaces, colours tell: a curve along these is no sensor's."""

@@ -12,11 +12,11 @@ from jaxsim.discover.model.fit import in_place
 from jaxsim.discover.model.null_model import refitted
 from jaxsim.discover.name.answer import Answer, without_curve
 from jaxsim.discover.name.other_sides import OtherSides
-from jaxsim.discover.name.select import Log
 from jaxsim.discover.regimes.find import Divided
 from jaxsim.discover.repeats.examine import examine, left_open, one_sided, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.show import law_gains
+from jaxsim.progress import Log
 
 
 @dataclass(frozen=True)

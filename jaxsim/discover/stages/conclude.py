@@ -15,7 +15,6 @@ from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.fit import in_place
 from jaxsim.discover.mounting.change import named_knock
 from jaxsim.discover.mounting.constant import BY_RANGES, named_mounting, registered_of
-from jaxsim.discover.name.select import Log
 from jaxsim.discover.name.simulator_contrast import contrast_of_answer
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.regimes.find import Divided
@@ -28,6 +27,7 @@ from jaxsim.discover.stages.ask import Asked
 from jaxsim.discover.stages.complete import Completed
 from jaxsim.discover.verdict import EveryFrame, Fidelity, InPlace, Judged, Level, Result, Sensitivity, Verdict
 from jaxsim.effects.chain import SensorModel
+from jaxsim.progress import Log
 
 
 @dataclass(frozen=True)

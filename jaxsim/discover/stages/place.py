@@ -15,11 +15,11 @@ from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.mounting.change import Knock, find_knock
 from jaxsim.discover.mounting.constant import Mounting, place_mounting, refine_lift
 from jaxsim.discover.mounting.per_frame import is_unsteady, steadied
-from jaxsim.discover.name.select import Log
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.show.few_drives import OfPieces, ask_pieces
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import SensorModel
+from jaxsim.progress import Log
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class Standing:
         knock = find_knock(mounting.comparison, {*candidates} - {*mounting.effects}, parts)
         if knock:
             log(f"in a part of the recording the sensor stands otherwise: {', '.join(knock.effects)}")
-            there = knock.brought(mounting.comparison)
+            placed = knock.brought(mounting.comparison)
         elif is_unsteady(mounting.comparison):
             log("frames stand each a little elsewhere: every simulated one is brought to where its partner stood")
-            there = steadied(mounting.comparison)
+            placed = steadied(mounting.comparison)
         else:
             return cls(mounting, division, None)
-        return cls(replace(mounting, comparison=there), Division.of(there, parts=parts), knock)
+        return cls(replace(mounting, comparison=placed), Division.of(placed, parts=parts), knock)
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.devices import by_small_steps
-from jaxsim.discover.name.select import Log, Step, runner_up
+from jaxsim.discover.name.select import Step, runner_up
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, split_scenes
 from jaxsim.discover.show.explain import named, ranking
@@ -44,6 +44,7 @@ from jaxsim.discover.unpaired.select import (
 )
 from jaxsim.discover.verdict import CurveLine, Interval, Judged, Named, Result, Verdict, Where
 from jaxsim.effects.chain import SensorModel
+from jaxsim.progress import Log
 
 UNIT = "root mean square error of ln I, levels of surfaces taken out"
 CURVE_UNIT = "ln I, measured minus the law of both sides"

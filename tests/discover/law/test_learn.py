@@ -56,7 +56,7 @@ def null(model):
 @pytest.fixture(scope="module")
 def form(null):
     dependence = Dependence("intensity", "azimuth", 0.01, 0.1, 50.0)
-    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
+    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null_fits=null.null_fits)
     return Form.of(null, dependence, curve)
 
 
@@ -119,7 +119,7 @@ def test_the_law_that_is_fitted_is_the_one_that_is_saved(division, null, form, a
 
 def test_a_law_of_few_values_has_its_parabolas_numbers_and_a_knot_a_value(null):
     dependence = Dependence("intensity", "speed", 0.01, 0.1, 50.0)
-    [curve] = rank_effects(with_basis(null, "speed"), [CURVES["intensity"]], null=null.null_fits)
+    [curve] = rank_effects(with_basis(null, "speed"), [CURVES["intensity"]], null_fits=null.null_fits)
     form = Form.of(null, dependence, curve)
     assert form.bare.kind == "curve"
     speeds = np.unique(np.asarray(null.ev.rays.speed_mps))
@@ -164,7 +164,7 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
     names = tuple(f"frame {k}" for k in range(FRAMES))
     null = NullModel.of(Division.of(Comparison(scan, replace(measured, intensity=light), names, names))).problem
     dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
-    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
+    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null_fits=null.null_fits)
     assert curve_form(null, dependence, curve).bare.kind == "periodic"
     form = curve_form(null, dependence, curve, crossed=[pair])
     assert (form.bare.kind, form.bare.covariates) == ("product", ("azimuth", "speed"))
@@ -177,7 +177,7 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
 
 def test_a_pair_that_says_no_more_stays_a_curve(null):
     dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
-    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
+    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null_fits=null.null_fits)
     assert curve_form(null, dependence, curve, crossed=[pair]).bare.kind == "periodic"
 
 

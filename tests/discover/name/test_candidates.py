@@ -114,6 +114,6 @@ def test_what_cannot_reach_the_bar_is_not_fitted_on_the_other_folds(each, bar, f
     monkeypatch.setattr(candidates, "replace", lambda problem, **_: problem)
     null = [replace(fitted(), score=np.zeros((6, 3)))] * 3
     ev = SimpleNamespace(scene=np.arange(6), scenes=6)
-    [one] = rank_effects(problem(ev=ev), [EFFECTS["random_dropout"]], null=null, bar=bar)
+    [one] = rank_effects(problem(ev=ev), [EFFECTS["random_dropout"]], null_fits=null, bar=bar)
     assert len(one.fits) == fits
     assert not one.accepted(10.0)
