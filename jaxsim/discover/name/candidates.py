@@ -124,8 +124,8 @@ def rank_effects(
 ) -> list[Candidate]:
     """Every effect fitted on each fold's scenes and scored on the others; largest gain first.
 
-    `null_fits` saves these fits where they are known. Where only what passes a `bar` is asked for, an effect whose first
-    fit leaves no hope of it is not fitted on the other folds.
+    `null_fits` saves these fits where they are known. Where only what passes a `bar` is asked for, an effect whose
+    first fit leaves no hope of it is not fitted on the other folds.
     """
     trial = _Trial.of(problem, null_fits or problem.null_fits, bar=bar)
     with ThreadPoolExecutor(THREADS) as pool:
