@@ -183,6 +183,13 @@ class Learned:
             return parse_settings(cls, entry)
 
 
+def quantile_knots(
+    x: Float[np.ndarray, " n"], count: int, *, low: float = 0.0, high: float = 1.0
+) -> Float[np.ndarray, " k"]:
+    """Knots at quantiles of x that lie evenly between two of them, at most `count`: fewer where values are the same."""
+    return np.unique(np.quantile(x, np.linspace(low, high, count)))
+
+
 def hats(x: Float[np.ndarray, "*n"], knots: Float[np.ndarray, " k"]) -> Float[np.ndarray, "*n k"]:
     """Hat functions: weights of the knots at each x, linear between two of them, the end's beyond."""
     return np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=-1)

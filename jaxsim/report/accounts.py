@@ -10,10 +10,9 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from jaxsim.discover.find.covariates import NAMED
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.show.pictures import MAP_COLUMNS
 from jaxsim.discover.verdict import ClosedLaw, JudgeFrame, OwnCandidate, Registered, Result, Sensitivity, Verdict
+from jaxsim.discover.verdict.names import MAP_COLUMNS, NAMED
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import Origin

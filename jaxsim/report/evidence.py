@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from jaxsim.discover.find.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Result, Verdict
+from jaxsim.discover.verdict.names import CATEGORICAL
 from jaxsim.discover.verdict.parts import Contrast, Fidelity, Gained, Gap, Interval, Level, Where
 from jaxsim.report import page
 from jaxsim.report.canvas import AFTER, BEFORE

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from jaxsim.discover.find.covariates import ALTERNATING, CATEGORICAL
 from jaxsim.discover.verdict import Interval, Named, Rank, Repeat, Unexplained
+from jaxsim.discover.verdict.names import ALTERNATING, CATEGORICAL
 from jaxsim.effects import EFFECTS, Effect, Parameter
 from jaxsim.report import page
 from jaxsim.report.canvas import BEFORE

@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.data.cityscapes import NAMES
-from jaxsim.discover.find.covariates import HUE_ANGLE
-from jaxsim.discover.model.contrast import SCALES
 from jaxsim.discover.verdict import Interval, Named, Regime, Repeat, Unexplained, Verdict
+from jaxsim.discover.verdict.names import HUE_ANGLE, SCALES
 from jaxsim.effects import EFFECTS
 from jaxsim.report.page import Real, number, percent
 

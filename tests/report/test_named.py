@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from markupsafe import Markup
 
-from jaxsim.discover.find.covariates import NAMED
 from jaxsim.discover.verdict import Interval, Unexplained
+from jaxsim.discover.verdict.names import NAMED
 from jaxsim.effects.rays import covariates
 from jaxsim.report.named import unexplained
 from jaxsim.report.words import AXES

@@ -16,32 +16,18 @@ from jaxtyping import Float
 
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.verdict.names import CATEGORICAL, HUE_ANGLE, NAMED
 from jaxsim.effects import Law, Parameter
-from jaxsim.effects.learned import CHANGE, CHANGE_UNITS, LIMITS, OFFSET, hats
+from jaxsim.effects.learned import CHANGE, CHANGE_UNITS, LIMITS, OFFSET, hats, quantile_knots
 from jaxsim.effects.rays import Array, Rays, covariates
 from jaxsim.products import matmul
 
 ON_HOST = covariates(np)
-HUE_ANGLE = "hue angle"
-"""Free curves alone run along it (`name.unexplained.TAKEN_UP`): a surface is of one hue, so that its level takes up
-what follows the hue, and residuals show none of it."""
 COVARIATES = {name: read for name, read in ON_HOST.items() if name not in ("column", HUE_ANGLE)}
 """Covariates along which residuals are looked at: functions of rays on the host, by the name that a verdict uses."""
-ALTERNATING = ("even rows", "even columns")
-"""Receivers and emitters often work in two banks, in turn."""
-CATEGORICAL = ("row", "class", *ALTERNATING)
 BANKS = {"row": ("row", "even rows"), "even rows": ("row", "even rows"), "even columns": ("even columns",)}
 """What readouts are told apart by, and along what else where one of them tells: a readout may have a gain of its own,
 or a black level, which adds to intensities."""
-NAMED = {
-    "step side": "step",
-    "speed x time": "time",
-    "hue": "rgb",
-    HUE_ANGLE: "rgb",
-    "even rows": "row",
-    "even columns": "column",
-}
-"""What a verdict calls a covariate that is a finer look at another."""
 BASIS_COLUMNS = 36
 """Columns of every free curve's basis; one that needs fewer (knots, classes) is filled up with zeros."""
 
@@ -106,7 +92,7 @@ def curve_basis(x: np.ndarray, name: str, most: int = RULES.knots) -> Float[np.n
         # Mostly a value a frame: what holds on frames with other values can hardly bend.
         t = (x - values[0]) / (values[-1] - values[0])
         return np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=-1).astype(np.float32)
-    knots = np.unique(np.quantile(x, np.linspace(0, 1, most)))
+    knots = quantile_knots(x, most)
     if len(knots) < 2:
         return np.zeros((len(x), 0), np.float32)
     return hats(x, knots).astype(np.float32)

@@ -25,7 +25,7 @@ from jaxsim.discover.name.unexplained import agreed, at_knots
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
 from jaxsim.effects import Law
-from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, curve_kind, hats
+from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, curve_kind, hats, quantile_knots
 from jaxsim.products import matmul
 
 
@@ -121,7 +121,7 @@ def curve_form(
 def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Learned, Candidate]:
     """The product of two covariates' hat functions, fitted and judged like a free curve."""
     x = [values_along(problem, name) for name in names]
-    knots = [np.unique(np.quantile(values, np.linspace(0, 1, RULES.interaction_knots))) for values in x]
+    knots = [quantile_knots(values, RULES.interaction_knots) for values in x]
     weights = [hats(values, at) for values, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])
     tried = with_columns(problem, products(*weights))

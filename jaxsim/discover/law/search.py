@@ -22,11 +22,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.find.covariates import ALTERNATING
 from jaxsim.discover.law.learn import LearnedFit
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import jackknife_sd
 from jaxsim.discover.verdict import ClosedLaw, Interval
+from jaxsim.discover.verdict.names import ALTERNATING
 from jaxsim.effects.learned import CHANGE_UNITS
 from jaxsim.metrics.intervals import student_reach
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsim.discover.find.covariates import NAMED
 from jaxsim.discover.law.search import LOGARITHMS, VARIABLES
 from jaxsim.discover.verdict import ClosedLaw
+from jaxsim.discover.verdict.names import NAMED
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.check import RESERVED
 from jaxsim.effects.learned import LIMITS

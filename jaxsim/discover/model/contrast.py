@@ -18,13 +18,11 @@ from scipy.ndimage import uniform_filter1d
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.verdict.names import SCALES
 from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, LEAST_M, Scan
 from jaxsim.frame import Array
 
-SCALES = ("cells", "patches")
-"""A cell over the 3 x 3 about it; these over PATCH_ROWS rows and PATCH_RAD about them. Each class has one more scale,
-of its name: a cell over what the simulator says of its class at this angle and range."""
 OF_NO_CLASS = ("dark_surfaces", "bright_surfaces")
 """Scales of frames that tell no classes: more of dark surfaces may be made up."""
 FEWER_RAYS = "other_classes"

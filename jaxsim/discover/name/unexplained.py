@@ -15,11 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.find.covariates import (
-    ALTERNATING,
     BANKS,
-    CATEGORICAL,
     CURVES,
-    NAMED,
     Dependence,
     fixed_basis,
     values_along,
@@ -30,8 +27,9 @@ from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import attainable
 from jaxsim.discover.verdict import Unexplained
+from jaxsim.discover.verdict.names import ALTERNATING, CATEGORICAL, NAMED
 from jaxsim.effects.effect import CHANNELS
-from jaxsim.effects.learned import OFFSET, TURNING
+from jaxsim.effects.learned import OFFSET, TURNING, quantile_knots
 from jaxsim.effects.rays import TURN
 from jaxsim.metrics.intervals import jackknife_half_width
 
@@ -137,7 +135,7 @@ def at_knots(problem: Problem, dependence: Dependence, curve: Candidate) -> Curv
     x = values_along(problem, dependence.covariate)
     knots = np.unique(x)
     if dependence.covariate not in CATEGORICAL and len(knots) > RULES.few_values:
-        knots = np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
+        knots = quantile_knots(x, 2 * RULES.knots)
     # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
     basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
     numbers = np.stack([np.asarray(values["height"]) for values in curve.fitted_values])

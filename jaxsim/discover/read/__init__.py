@@ -96,10 +96,10 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     Raises ValueError where the grids differ, no names are shared, values have wrong units, frames are empty or most do
     not show the same street, rasters are given for some frames only, or both folders hold the same readings.
     """
-    return _read_pairs(open_polar_frames(Path(simulated)), open_polar_frames(Path(measured)), left_out={})
+    return _read_frames(open_polar_frames(Path(simulated)), open_polar_frames(Path(measured)), left_out={})
 
 
-def _read_pairs(simulated: PolarFrames, measured: PolarFrames, *, left_out: Mapping[str, str]) -> Comparison:
+def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Mapping[str, str]) -> Comparison:
     """Reads the frames that two folders share, but for those that are `left_out`, which says why, by name."""
     grid = simulated.grid
     checks.check_one_grid(simulated, measured)
@@ -125,9 +125,9 @@ def _read_pairs(simulated: PolarFrames, measured: PolarFrames, *, left_out: Mapp
     measured_rays = _measured(measured_images)
     # Before anything is compared: sides that stand apart would fail every check for other reasons.
     registration = register(scan, measured_rays.range_m, measured_rays.valid, scenes=scenes)
-    if no_pairs := checks.check_pairs(names, simulated_images, measured_images, registered=registration):
+    if no_pairs := checks.check_partners(names, simulated_images, measured_images, registered=registration):
         # What was asked with them (where the sensor stands, which frames are read) is asked again without them.
-        return _read_pairs(simulated, measured, left_out={**left_out, **no_pairs})
+        return _read_frames(simulated, measured, left_out={**left_out, **no_pairs})
     checks.all_or_none(simulated.folder, names, rasters)
     notes = [*(f"left out: {why}" for _, why in sorted(left_out.items()))]
     notes += [

@@ -191,7 +191,7 @@ def agreement(
     return RangeAgreement(near, beyond)
 
 
-def check_pairs(
+def check_partners(
     names: Sequence[str],
     simulated: Sequence[PolarImage],
     measured: Sequence[PolarImage],

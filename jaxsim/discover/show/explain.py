@@ -25,6 +25,8 @@ from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
 from jaxsim.progress import counted
 
+CANNOT_TELL = "these data cannot tell it from the one that is named"
+"""Why a look-alike is not what was named."""
 REFUSED = {
     NEGLIGIBLE: f"Each is less than {RULES.negligible:.0%} of what is clearly visible of it: so many rays show what is "
     "too small to matter, and as much comes of rounding, smoothing or a surface's model",
@@ -115,7 +117,7 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
     if name in order:
         return "" if name == order[0] else f"named too, after {', '.join(order[: order.index(name)])}"
     if steps and name in {candidate.effect.plain_name for candidate in steps[0].alike}:
-        return "these data cannot tell it from the one that is named"
+        return CANNOT_TELL
     if name in choice.refused:
         return choice.refused[name]
     if name in choice.needless:

@@ -12,13 +12,14 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.find.covariates import CATEGORICAL, COVARIATES
+from jaxsim.discover.find.covariates import COVARIATES
 from jaxsim.discover.find.division import Division
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null_model import Residuals, residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, JudgeFrame
+from jaxsim.discover.verdict.names import CATEGORICAL, MAP_COLUMNS
 from jaxsim.effects import Law
 from jaxsim.frame import PolarGrid
 from jaxsim.metrics.intervals import half_width
@@ -31,8 +32,6 @@ RESIDUAL_UNITS = {
 SPREAD_UNIT = "spread over the one expected, less 1"
 CURVE_BINS = 16
 """Groups of a covariate along which a curve is drawn."""
-MAP_COLUMNS = 32
-"""Columns of a residual map, before it is spread over the grid: rays are thinned to whole columns."""
 MOST_FRAMES = 4
 """Frames that are drawn, of as many judge scenes."""
 RAYS_A_FRAME = 16_000

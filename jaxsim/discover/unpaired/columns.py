@@ -25,7 +25,7 @@ from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS, Effect
-from jaxsim.effects.learned import hats
+from jaxsim.effects.learned import hats, quantile_knots
 from jaxsim.effects.rays import Array, Rays
 
 OF_INTENSITY = (
@@ -153,7 +153,7 @@ def derivatives(
 
 def curve(x: np.ndarray, count: int, *, low: float = 0.01, high: float = 0.99) -> Float[np.ndarray, "n k"]:
     """Hat functions between quantiles of x; one column of ones where x does not vary."""
-    knots = np.unique(np.quantile(x, np.linspace(low, high, count)))
+    knots = quantile_knots(x, count, low=low, high=high)
     if len(knots) < 2:
         return np.ones((len(x), 1), np.float32)
     return hats(x, knots).astype(np.float32)

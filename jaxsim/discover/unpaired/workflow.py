@@ -25,7 +25,7 @@ from jaxsim.devices import by_small_steps
 from jaxsim.discover.name.select import Step, runner_up
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, split_scenes
-from jaxsim.discover.show.explain import named, ranking
+from jaxsim.discover.show.explain import CANNOT_TELL, named, ranking
 from jaxsim.discover.show.gap import gap_of, share_of
 from jaxsim.discover.show.pictures import Bins, GridSums
 from jaxsim.discover.unpaired.columns import INCIDENCE_SET, untold
@@ -220,7 +220,7 @@ def why_not_unpaired(candidate: UnpairedCandidate, choice: UnpairedChoice) -> st
     if first and candidate.name == first.chosen.name:
         return ""
     if first and candidate.name in {look_alike.name for look_alike in first.alike}:
-        return "these data cannot tell it from the one that is named"
+        return CANNOT_TELL
     if candidate.of_ground:
         return "the ground alone shows it, which may be of another material on the two sides"
     if candidate.accepted:

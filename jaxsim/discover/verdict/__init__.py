@@ -2,7 +2,7 @@
 
 Nothing is computed here; the rooms fill these in, and the report reads nothing else. `Verdict` holds what is said, of
 `parts`, in the order in which they are found; `Result` also what is drawn of judge scenes, `CurveLine` and `JudgeFrame`
-among it.
+among it. `names` has what covariates are called.
 """
 
 from __future__ import annotations

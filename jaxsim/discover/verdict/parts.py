@@ -104,7 +104,7 @@ class Contrast:
     no effect of the sensor (`model.contrast`)."""
 
     slopes: dict[str, Interval]
-    """Measured over simulated differences of ln I on each of `model.contrast.SCALES` and within each class, with all
+    """Measured over simulated differences of ln I on each of `names.SCALES` and within each class, with all
     that was named in place: 1 where the sensor follows them as they are, 0 where it does not, more than 1 where the
     simulator blurs."""
     gain: Interval
@@ -284,7 +284,7 @@ class Unexplained:
     adds: bool = False
     """Whether `y` is added to the intensity, in its own unit; else it is a change of ln I."""
     along: str = ""
-    """What `x` is, where that is a finer look at the covariate (`covariates.NAMED`); empty where it is itself."""
+    """What `x` is, where that is a finer look at the covariate (`names.NAMED`); empty where it is itself."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.blind.hidden.case import make_case
 from jaxsim.data.polar_frames import frame_names, read_frame
-from jaxsim.discover.read.checks import agreement, check_pairs
+from jaxsim.discover.read.checks import agreement, check_partners
 from tests.discover.rooms import registered, rooms, seen
 
 SMALL = {"seed": 11, "scenes": 6, "rows": 16, "columns": 96}
@@ -27,13 +27,13 @@ def case(tmp_path_factory):
 
 
 def test_pairs_of_one_street_pass(case):
-    assert check_pairs(*case) == {}
+    assert check_partners(*case) == {}
 
 
 @pytest.mark.parametrize("effect", ["extrinsic_rotation", "motion_distortion", "precipitation_clutter", "range_scale"])
 def test_strong_effects_pass(tmp_path, effect):
     make_case(tmp_path / "case", effect=effect, severity=4.0, **SMALL)
-    assert check_pairs(*sides(tmp_path / "case")) == {}
+    assert check_partners(*sides(tmp_path / "case")) == {}
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6])
@@ -45,14 +45,14 @@ def test_dense_fog_passes(case, share):
         early = rng.random(image.valid.shape) < share
         fog_m = rng.uniform(0.5, 3, image.valid.shape).astype(np.float32)
         foggy.append(image.replace(range_m=np.where(early, np.minimum(fog_m, image.range_m), image.range_m)))
-    assert check_pairs(names, ours, foggy) == {}
+    assert check_partners(names, ours, foggy) == {}
     # In fog in one frame alone as well.
-    assert check_pairs(names, ours, [*foggy[:1], *theirs[1:]]) == {}
+    assert check_partners(names, ours, [*foggy[:1], *theirs[1:]]) == {}
 
 
 def test_two_frames_under_each_others_names_are_told_with_their_true_partners(case):
     names, ours, theirs = case
-    found = check_pairs(names, ours, [theirs[1], theirs[0], *theirs[2:]])
+    found = check_partners(names, ours, [theirs[1], theirs[0], *theirs[2:]])
     assert set(found) == {names[0], names[1]}
     assert f"measured {names[0]} agrees with simulated {names[1]} on" in found[names[0]]
 
@@ -60,7 +60,7 @@ def test_two_frames_under_each_others_names_are_told_with_their_true_partners(ca
 def test_a_single_frame_of_another_street_is_told(case):
     names, ours, theirs = case
     mirrored = theirs[2].replace(**{k: getattr(theirs[2], k)[:, ::-1] for k in ("range_m", "intensity", "valid")})
-    found = check_pairs(names, ours, [*theirs[:2], mirrored, *theirs[3:]])
+    found = check_partners(names, ours, [*theirs[:2], mirrored, *theirs[3:]])
     assert set(found) == {names[2]}
     assert "do not show the same street" in found[names[2]]
 
@@ -69,7 +69,7 @@ def test_a_single_frame_of_another_street_is_told(case):
 def test_measured_frames_under_each_others_names(case, by):
     names, ours, theirs = case
     with pytest.raises(ValueError, match=r"do not show the same street.*--unpaired"):
-        check_pairs(names, ours, theirs[by:] + theirs[:by])
+        check_partners(names, ours, theirs[by:] + theirs[:by])
 
 
 def test_streets_that_share_much_road_are_told_by_their_true_partners(case):
@@ -82,13 +82,13 @@ def test_streets_that_share_much_road_are_told_by_their_true_partners(case):
         return image.replace(**{key: np.concatenate([getattr(image, key), more]) for key, more in whole.items()})
 
     ours, theirs = ([widened(image) for image in side] for side in (ours, theirs))
-    check_pairs(names, ours, theirs)
+    check_partners(names, ours, theirs)
     # Too little of the image tells: nothing is claimed.
-    check_pairs(names, ours, theirs[1:] + theirs[:1])
+    check_partners(names, ours, theirs[1:] + theirs[:1])
     ours, theirs = ([image.replace(**{k: getattr(image, k)[:40] for k in ("range_m", "intensity", "valid")})
                      for image in side] for side in (ours, theirs))  # fmt: skip
     with pytest.raises(ValueError, match="agrees with simulated"):
-        check_pairs(names, ours, theirs[1:] + theirs[:1])
+        check_partners(names, ours, theirs[1:] + theirs[:1])
 
 
 def test_no_common_rays(case):
@@ -98,7 +98,7 @@ def test_no_common_rays(case):
         [image.replace(valid=image.valid & keep) for image in side] for side, keep in ((ours, left), (theirs, ~left))
     ]
     with pytest.raises(ValueError, match="only 0 on the same rays"):
-        check_pairs(names, *halves)
+        check_partners(names, *halves)
 
 
 def test_agreement_is_half_a_metre_or_a_twentieth():
@@ -115,15 +115,15 @@ def test_a_sensor_mounted_half_a_degree_and_more_off_shows_the_same_street():
     ours = [seen(room) for room in streets]
     theirs = [seen(room, np.array([0, 0, 0, 0.03, -0.03, 0.01])) for room in streets]
     with pytest.raises(ValueError, match="do not show the same street"):
-        check_pairs(names, ours, theirs)
-    check_pairs(names, ours, theirs, registered=registered(ours, theirs, names))
+        check_partners(names, ours, theirs)
+    check_partners(names, ours, theirs, registered=registered(ours, theirs, names))
 
 
 def test_a_sensor_half_a_metre_lower_is_no_error_of_units():
     names = [f"s{k}" for k in range(6)]
     ours = [seen(room) for room in rooms(6)]
     theirs = [seen(room, np.array([0, 0, -0.5, 0, 0, 0])) for room in rooms(6)]
-    check_pairs(names, ours, theirs, registered=registered(ours, theirs, names))
+    check_partners(names, ours, theirs, registered=registered(ours, theirs, names))
 
 
 def test_another_street_is_refused_with_the_best_motion_found():
@@ -131,4 +131,4 @@ def test_another_street_is_refused_with_the_best_motion_found():
     ours = [seen(room) for room in rooms(6)]
     theirs = [seen(room[::-1] * 0.6) for room in rooms(6, seed=9)]
     with pytest.raises(ValueError, match=r"% with the simulated sensor moved by .* deg in roll"):
-        check_pairs(names, ours, theirs, registered=registered(ours, theirs, names))
+        check_partners(names, ours, theirs, registered=registered(ours, theirs, names))
