@@ -44,7 +44,7 @@ class Dependence:
     gain: float
     """Held-out nats, all scenes."""
     adds: bool = False
-    """Of a free curve of the intensity: its heights are added, in the intensity's unit, and are not nats of a gain."""
+    """Whether it is a free curve of the intensity whose heights are added, in the intensity's unit, and are not nats of a gain."""
 
     @property
     def change(self) -> str:

@@ -248,7 +248,7 @@ class Dependences:
     single: list[Dependence]
     """Dependences of the null's residuals on single covariates, strongest first."""
     where: tuple[Where, ...]
-    """Those that a verdict lists, interactions among them."""
+    """The dependences that a verdict lists, interactions among them."""
     crossed: tuple[Dependence, ...]
     """Interactions of two covariates that are sure enough for it, `A x B`."""
 

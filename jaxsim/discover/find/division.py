@@ -67,11 +67,11 @@ class Division:
     """Rays of all blocks, traced once."""
     parts: Split
     between_unknown: bool = False
-    """As in `Comparison`."""
+    """Whether what lies between two surfaces is unknown (`Comparison`)."""
     names: tuple[str, ...] = ()
-    """Of the frames."""
+    """Names of the frames."""
     scenes: tuple[str, ...] = ()
-    """Of the frames; a block's are `blocks.scene`, which are sectors where all frames are of few drives."""
+    """Scenes of the frames; a block's are `blocks.scene`, which are sectors where all frames are of few drives."""
     control: Control = NO_CONTROL
     """What the simulator lacks by itself, before all that is known of the sensor."""
     left_out: str = ""
@@ -194,7 +194,7 @@ class _Sides:
     scan: Scan
     measured: Measured
     left_out: str = ""
-    """As in `Division`; so is `apart`."""
+    """What was left out, in words, and of which classes (`Division`)."""
     apart: tuple[int, ...] = ()
 
     @classmethod

@@ -70,7 +70,7 @@ def range_noise_grows(comparison: Comparison) -> bool:
     ends = np.quantile(power[np.asarray(comparison.scan.hit)], [1 / 3, 2 / 3])
 
     def variance(side: Scan, part: Bool[np.ndarray, "f r c"]) -> Float[np.ndarray, " s"]:
-        """Of each scene's ranges, in a part of the rays."""
+        """The noise of each scene's ranges, in a part of the rays."""
         noise = _by_scene(comparison, replace(side, hit=np.asarray(side.hit) & part))
         return np.square([of_scene.range_m for of_scene in noise])
 

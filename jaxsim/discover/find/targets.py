@@ -75,7 +75,7 @@ def targets(comparison: Comparison, frame: int) -> Iterator[tuple[str, tuple[flo
 
 
 def _more(simulated: float, measured: float) -> float:
-    """As a share of the measured; NaN of nothing."""
+    """The difference as a share of the measured; NaN of nothing."""
     return simulated / measured - 1 if measured else float("nan")
 
 

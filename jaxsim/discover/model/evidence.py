@@ -97,7 +97,7 @@ class Evidence:
     ridge: Float[Array, " p"]
     """1 / prior variance of each feature's coefficient in all scenes."""
     strip: Int[Array, "b c r"]
-    """As in `Surfaces`, and the next two."""
+    """The strip of each ray; this and the next two are those of `Surfaces`."""
     surface: Int[Array, " t"]
     precision: Float[Array, " s"]
     scene: Int[Array, " b"]

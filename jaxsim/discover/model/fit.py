@@ -230,7 +230,7 @@ def fit(
 def best_starts(
     effect: Law, problem: Problem, starts: Sequence[dict[str, Any]], *, parts: Float[np.ndarray, "k b"]
 ) -> list[dict[str, Any]]:
-    """Of each part of the blocks (1 in it, 0 not) the likeliest of `starts` there.
+    """Gives, for each part of the blocks (1 in it, 0 not), the likeliest of `starts` there.
 
     Laws have several basins; one look at each start costs less than a fit from each, and one look does for all parts:
     levels are those of all blocks that are in any.

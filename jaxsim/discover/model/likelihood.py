@@ -166,7 +166,7 @@ def log_lost(rays: Rays, ev: Evidence, noise: Noise, *, clutter: bool = True) ->
 def return_terms(
     rays: Rays, ev: Evidence, noise: Noise, *, equations: NormalEquations, clutter: bool
 ) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, " b"]]:
-    """`log_lost`; the logarithm of the density with which a ray returns where it did; and what each block's pose
+    """Gives `log_lost`; the logarithm of the density with which a ray returns where it did; and what each block's pose
     costs. Without `clutter` its component is left out, which no ray has then."""
     off = ev.range_m - rays.reading_m
     shift, cost = pose_shift(ev, equations, rays.reading_m, on=ev.returned & rays.hit)

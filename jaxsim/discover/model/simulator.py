@@ -179,7 +179,7 @@ class AtRays:
     own_constant: Float[Array, ""]
     """... and on the simulator's."""
     detail_sd: tuple[float, ...] = struct.field(pytree_node=False, default=())
-    """Of the measured detail over `detail`, about 1, of each."""
+    """Prior standard deviation of the slope of the measured detail over `detail`, about 1, of each."""
     scales: tuple[str, ...] = struct.field(pytree_node=False, default=())
     """Names of `detail` (`contrast.Contrasts`), where that is left free."""
 

@@ -43,7 +43,7 @@ class Knock:
     effects: tuple[str, ...]
     """Names of those of OF_POSE that there is surely more of than a frame's own pose."""
     registered: Registration
-    """Of the find scenes inside, for themselves: among all they are pulled to the mean of all."""
+    """The registration of the find scenes inside alone: among all they are pulled to the mean of all."""
     p_value: float
     q_value: float
 
@@ -107,7 +107,7 @@ def _registered(comparison: Comparison, frames: Bool[np.ndarray, " f"]) -> Regis
 def _divided(
     asked: Sequence[Question], poses: Float[np.ndarray, "n 8"], *, facts: Facts, find: Bool[np.ndarray, " n"]
 ) -> Iterator[tuple[Question, int, float]]:
-    """Of each question the region whose find scenes stand most otherwise than the rest, and how often chance makes some
+    """Gives, for each question, the region whose find scenes stand most otherwise than the rest, and how often chance makes some
     region stand so."""
     few = RULES.regime_fewest_scenes
     z = poses[:, POSE] / POSE_SD

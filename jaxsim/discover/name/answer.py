@@ -144,6 +144,7 @@ def without_curve(answer: Answer) -> Answer:
 
 
 def curve_in_words(along: Along) -> str:
+    """A channel and the covariate that its curve runs along, as reports say it."""
     return f"{along[0]} along {spelled(along[1])}"
 
 
@@ -193,6 +194,7 @@ def pieced(choice: Choice, curve: FreeCurve, leaves_nothing: LeavesNothing) -> b
 
 
 def without_unasked(curves: Sequence[FreeCurve], but: Sequence[Along]) -> list[FreeCurve]:
+    """The curves less those that are not to be asked."""
     return [(along, curve) for along, curve in curves if (along.channel, along.covariate) not in but]
 
 

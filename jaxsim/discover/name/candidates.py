@@ -143,7 +143,7 @@ class _FoldGain:
     result: Fit
     gain: Float[np.ndarray, "s 3"]
     slope: Float[np.ndarray, " s"]
-    """As in `Candidate`; so is `inside`."""
+    """What `Candidate.slope` holds; so with `inside`."""
     over_smooth: Float[np.ndarray, "2 s"] | None
     """`over_smooth` and `over_smooth_slope` of `Candidate`."""
     inside: float
@@ -159,9 +159,9 @@ class _Trial:
     """For each fold, 1 for the blocks that are fitted and 0 for those held out."""
     null_fits: Sequence[Fit]
     steps: dict[str, float]
-    """Of the lattices on which readings lie, by the effect that rounds."""
+    """Steps of the lattices on which readings lie, by the effect that rounds."""
     starts: dict[str, tuple[dict[str, Any], ...]]
-    """Those that are read off the data, by effect."""
+    """The starts that are read off the data, by effect."""
     bar: float
 
     @classmethod

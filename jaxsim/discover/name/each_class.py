@@ -137,7 +137,7 @@ def as_fitted(step: FittedStep, rest: Problem) -> Float[np.ndarray, " s"]:
 
 
 def shown_by(step: FittedStep, problem: Problem, classes: Sequence[int]) -> str:
-    """Of classes whose surfaces are partly others on the two sides: their names, where they alone show an effect on
+    """Finds classes whose surfaces are partly others on the two sides: their names, where they alone show an effect on
     ranges or losses that was fitted to a problem; empty where others do, or where they are most of what is seen."""
     if "intensity" in step.chosen.effect.channels or step.chosen.effect.casts or not classes:
         return ""

@@ -33,7 +33,7 @@ class JudgeScenes:
         return cls(scenes, scenes.problem_with())
 
     def halves(self) -> tuple[JudgeScenes, JudgeScenes]:
-        """The same with every second column alone: even ones, and odd ones."""
+        """The same scenes with every second column alone: even ones, and odd ones."""
         return self._every_second(0), self._every_second(1)
 
     def _every_second(self, first: int) -> JudgeScenes:

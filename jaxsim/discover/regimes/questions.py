@@ -145,7 +145,7 @@ def _azimuth(facts: Facts) -> Iterator[Question]:
 
 
 def arc(scan: Scan, first: int, length: int) -> Region:
-    """So many columns from the first on."""
+    """The sector of so many columns from the first on."""
     azimuth = np.asarray(scan.grid.azimuth_rad, float)
     step = float(azimuth[0] - azimuth[-1]) / (len(azimuth) - 1)
     # Azimuth falls from column to column, and a column reaches half a step to both sides.

@@ -44,7 +44,7 @@ class Sums:
     """What is kept of frames that were judged."""
 
     error: dict[str, Float[np.ndarray, "2 3 2"]] = field(default_factory=dict)
-    """Of each scene, before and after: sums of errors and counts of rays by channel."""
+    """For each scene, before and after: sums of errors and counts of rays by channel."""
     gain: dict[str, Float[np.ndarray, " 3"]] = field(default_factory=dict)
     """Nats of each scene, by channel."""
     of_frame: dict[str, float] = field(default_factory=dict)
@@ -59,7 +59,7 @@ class HeldAnswer(NamedTuple):
     """What frames are judged by: an answer, as `show.gap_with` takes it."""
 
     null: NullModel
-    """Of the frames that were read, whose find scenes stay in every block."""
+    """The division of the frames that were read, whose find scenes stay in every block."""
     chain: Chain
     noise: Noise
     knock: Knock | None = None
@@ -102,7 +102,7 @@ class JudgedBlock(NamedTuple):
     frame: tuple[str, ...]
     """Name of each block's frame; empty for the find scenes', and where it only fills up."""
     scene: tuple[str, ...]
-    """Of each block."""
+    """The scene of each block."""
 
 
 def block_of(

@@ -154,7 +154,7 @@ class GridSums:
     total: Float[np.ndarray, "r g"]
     count: Int[np.ndarray, "r g"]
     columns: int
-    """Of the grid."""
+    """How many the grid has."""
 
     @classmethod
     def of(cls, values: Float[np.ndarray, " n"], cells: tuple[np.ndarray, np.ndarray], grid: PolarGrid) -> GridSums:
@@ -183,7 +183,7 @@ class Chunk:
 
     division: Division
     frame: Int[np.ndarray, " j"]
-    """Of the judge blocks: the frame whose columns each holds, and its scene; -1 where it only fills up."""
+    """For each judge block the frame whose columns each holds, and its scene; -1 where it only fills up."""
     scene: tuple[str, ...]
 
 

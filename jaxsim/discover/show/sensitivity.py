@@ -230,7 +230,7 @@ def _of_spread(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Held
 
 
 def _of_loss(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> HeldAndFree:
-    """Of single rays; each kind of place has a rate of its own, up to what the null allows."""
+    """Nats that single rays gain; each kind of place has a rate of its own, up to what the null allows."""
     usual = jnp.exp(log_reported(before, ev, noise))
     survival = jnp.where(after.hit, usual * jnp.exp(jnp.minimum(after.log_keep - before.log_keep, 0)), 0.0)
     lost = jnp.clip(1 - survival, 1e-6, 1 - 1e-6)

@@ -37,7 +37,7 @@ class Asked:
     """What naming said, and what it was asked beside."""
 
     placed: Placed
-    """With the simulator's contrast left free, where the sensor does not follow it."""
+    """The same with the simulator's contrast left free, where the sensor does not follow it."""
     catalogue: tuple[Effect, ...]
     """The candidates, with their look-alikes on these frames."""
     answer: Answer

@@ -112,7 +112,7 @@ class JointFit:
         return sum(parts, np.zeros(len(self.problem.y)))
 
     def derivatives(self) -> list[Columns]:
-        """Those of each effect in its parameters, at their values."""
+        """The derivatives of ln I by each effect's parameters, at their values."""
         row = self.problem.rays.row
         return [
             derivatives(effect, values, change, row=row, rows=self.rows)

@@ -67,7 +67,7 @@ class EveryFrame:
     frames: int
     scenes: int
     unseen: int
-    """Of these scenes, those of which no frame helped to find or to fit anything."""
+    """How many of these scenes had no frame that helped to find or to fit anything."""
     gained: dict[str, Interval]
     """Log-likelihood by channel, nats a frame, mean over scenes."""
     gained_unseen: dict[str, Interval]

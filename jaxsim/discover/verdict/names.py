@@ -1,4 +1,4 @@
-"""What a verdict calls the covariates and scales that its answers run along, for those who compute and those who draw."""
+"""What a verdict calls the covariates and scales of its answers, for those who compute and those who draw."""
 
 HUE_ANGLE = "hue angle"
 """Free curves alone run along it (`name.unexplained.TAKEN_UP`): a surface is of one hue, so that its level takes up

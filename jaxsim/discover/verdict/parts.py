@@ -63,7 +63,7 @@ class Registered:
     """The motion as parameters of `extrinsic_translation`, `extrinsic_rotation` and, where sure,
     `beam_elevation_error`."""
     sure: tuple[str, ...]
-    """Those of the three that are put in place before anything else is asked."""
+    """Which of the three are put in place before anything else is asked."""
     other_moments: bool
     """Whether frames of one name are of different moments; each is then brought to its own place."""
     near: tuple[float, float]
