@@ -44,7 +44,7 @@ class Dependence:
     gain: float
     """Held-out nats, all scenes."""
     adds: bool = False
-    """Whether it is a free curve of the intensity whose heights are added, in the intensity's unit, and are not nats of a gain."""
+    """Whether heights of a free curve of the intensity are added, in the intensity's unit, and are no nats of a gain."""
 
     @property
     def change(self) -> str:

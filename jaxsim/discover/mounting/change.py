@@ -107,8 +107,8 @@ def _registered(comparison: Comparison, frames: Bool[np.ndarray, " f"]) -> Regis
 def _divided(
     asked: Sequence[Question], poses: Float[np.ndarray, "n 8"], *, facts: Facts, find: Bool[np.ndarray, " n"]
 ) -> Iterator[tuple[Question, int, float]]:
-    """Gives, for each question, the region whose find scenes stand most otherwise than the rest, and how often chance makes some
-    region stand so."""
+    """Gives, for each question, the region whose find scenes stand most otherwise than the rest, and how often
+    chance makes some region stand so."""
     few = RULES.regime_fewest_scenes
     z = poses[:, POSE] / POSE_SD
     for question in asked:

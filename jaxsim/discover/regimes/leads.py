@@ -101,9 +101,9 @@ def ranked(leads: list[Lead]) -> list[Lead]:
 
 
 def rivals(lead: Lead, problem: Problem, facts: Facts) -> tuple[Candidate, ...]:
-    """The candidates that may be the better name in a region: the strongest of a sector; of whole scenes those that gain most
-    there on the way to their fits, forwards or back. What some drives have may be nothing to all of them together, or
-    its opposite to a fold."""
+    """The candidates that may be the better name in a region: the strongest of a sector; of whole scenes those that
+    gain most there on the way to their fits, forwards or back. What some drives have may be nothing to all of them
+    together, or its opposite to a fold."""
     others, question = lead.candidates[1:], lead.finding.question
     if question.between_scenes(facts.scene) is not None:
         inside = question.inside[lead.finding.k]
