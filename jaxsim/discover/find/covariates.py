@@ -44,7 +44,7 @@ class Dependence:
     gain: float
     """Held-out nats, all scenes."""
     adds: bool = False
-    """Whether heights of a free curve of the intensity are added, in the intensity's unit, and are no nats of a gain."""
+    """Whether a free curve's heights are added to the intensity, in its unit, and are no nats of a gain."""
 
     @property
     def change(self) -> str:
