@@ -78,12 +78,12 @@ class NormalEquations:
     """Covariance of a block's pose."""
 
 
-@jax.jit
 def of_own_surface(off_m: Float[Array, "b c r"], range_m: Float[Array, "b c r"]) -> Bool[Array, "b c r"]:
     """Whether a reading so far off is of the ray's surface still, moved by a pose, and not of another."""
     return jnp.abs(off_m) < jnp.maximum(RULES.other_surface_m, POSE_MOST * range_m)
 
 
+@jax.jit
 def normal_equations(
     ev: Evidence, noise: Noise, off: tuple[Float[Array, "b c r"], Float[Array, "b c r"]]
 ) -> NormalEquations:
