@@ -1,7 +1,7 @@
 """The learned sensor: from what a renderer knows to what the LiDAR reports.
 
-predict        the paper's steps in one function: `simulate_frame`; the same where the network sees no projection;
-               whether images are like those that a run learned from
+predict        the paper's steps in one function: `simulate_frame`; the same where the network sees no projection
+checks         whether images are like those that a run learned from
 grain          how the cells of a draw scatter together: `Grain`, fields that go on along a surface and break at edges
 grain_fit      learning it from measured frames: `learn_grain` (`jaxsim grain`)
 live           in a simulator's loop: each tick's view, or what a ray caster's rays meet, to a cloud

@@ -20,9 +20,9 @@ from jaxsim.frame import Array, CameraFrame, Frame, Painted, PolarGrid, PolarIma
 from jaxsim.geometry import incidence
 from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import dense_view
+from jaxsim.simulate.checks import check_image
 from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.learned_sensor import LearnedSensor, Projection
-from jaxsim.simulate.predict import check_image
 
 
 def take(tree: Any, k: int) -> Any:

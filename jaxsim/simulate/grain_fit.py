@@ -24,10 +24,10 @@ from scipy.optimize import nnls
 from scipy.stats import norm
 
 from jaxsim.config import QUANTILES
-from jaxsim.frame import Pair
+from jaxsim.frame import LOST_BELOW, Pair
 from jaxsim.progress import Progress
 from jaxsim.simulate.grain import Breaks, Field, Grain, breaks_of, drawn_of
-from jaxsim.simulate.predict import STEP, Prediction
+from jaxsim.simulate.predict import Prediction
 
 # Numbers whose text gives no reason are conventions.
 LAGS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -98,7 +98,7 @@ def _scan(says: Prediction, pair: Pair) -> GrainScan:
     seen, value = pair.painted, np.asarray(pair.measured.intensity)
     looked = np.asarray(seen.valid)
     # A ray that reports 0 counts as lost, as in training.
-    back = np.asarray(pair.measured.valid) & (value >= STEP / 2)
+    back = np.asarray(pair.measured.valid) & (value >= LOST_BELOW)
     on = breaks_of(seen.range_m, seen.valid, kind=seen.semantic, thing=seen.instance)
     return GrainScan(on, looked, back, value, np.asarray(says.quantiles), np.asarray(says.drop_share))
 

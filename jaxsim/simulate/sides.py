@@ -13,9 +13,8 @@ import numpy as np
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import about_frame, frame_names, open_polar_frames, write_frame, write_grid
 from jaxsim.files import check_apart, read_arrays
-from jaxsim.frame import Array, Frame, PolarImage
+from jaxsim.frame import LOST_BELOW, Array, Frame, PolarImage
 from jaxsim.geometry import incidence, scan_on_window
-from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.simulate.frames import motion_of, rasters, simulate_batch, take
 from jaxsim.simulate.learned_sensor import LearnedSensor
 from jaxsim.simulate.predict import NetworkWindow
@@ -46,7 +45,7 @@ def measured_in(window: NetworkWindow, frame: Frame, *, lines: int) -> PolarImag
 def comparable(measured: PolarImage, seen: Array) -> PolarImage:
     """What a run can be compared with: returns on cells that the camera saw. Those whose intensity rounds to 0 count
     as lost, as they do in training: the network's 0 stands for both."""
-    return replace(measured, valid=measured.valid & (measured.intensity >= DROP_BELOW) & np.asarray(seen))
+    return replace(measured, valid=measured.valid & (measured.intensity >= LOST_BELOW) & np.asarray(seen))
 
 
 def refuse_others(folder: Path, names: Sequence[str]) -> None:
