@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import jax
 
@@ -30,9 +30,11 @@ from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress, counted
-from jaxsim.simulate.frames import begin_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
+from jaxsim.simulate.frames import BATCH, begin_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.learned_sensor import LearnedSensor, Projection
+
+CloudFormat = Literal["bin", "pcd", "ply", "npz"]
 
 
 @runtime_checkable
@@ -122,8 +124,8 @@ class FrameMaker:
     grain: Grain | None = None
     """How the cells of a draw scatter together; none: each for itself."""
     projection: Projection = "lidar"
-    formats: Sequence[str] = ("bin", "pcd", "ply")
-    batch: int = 8
+    formats: tuple[CloudFormat, ...] = ("bin", "pcd", "ply")
+    batch: int = BATCH
     """Frames simulated at once: fewer are filled up, so that one compiled program serves all."""
     draw: Draw | None = None
 

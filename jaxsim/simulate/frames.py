@@ -24,6 +24,9 @@ from jaxsim.simulate.checks import check_image
 from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.learned_sensor import LearnedSensor, Projection
 
+BATCH = 8
+"""Frames simulated together where nobody says otherwise."""
+
 
 def take(tree: Any, k: int) -> Any:
     """Item k of a batch."""

@@ -15,12 +15,10 @@ from jaxsim.data.polar_frames import about_frame, frame_names, open_polar_frames
 from jaxsim.files import check_apart, read_arrays
 from jaxsim.frame import LOST_BELOW, Array, Frame, PolarImage
 from jaxsim.geometry import incidence, scan_on_window
-from jaxsim.simulate.frames import motion_of, rasters, simulate_batch, take
+from jaxsim.simulate.frames import BATCH, motion_of, rasters, simulate_batch, take
 from jaxsim.simulate.learned_sensor import LearnedSensor
 from jaxsim.simulate.predict import NetworkWindow
 
-BATCH = 8
-"""Frames that a comparison simulates together."""
 SOURCE = "jaxsim discover"
 """What frames that are written for a comparison say they are made of."""
 REFLECTANCE = np.float32(0.3)
