@@ -174,7 +174,7 @@ class FrameMaker:
                 self.draw(frame.name, cloud, image=image, painted=under)
             source = {"source": chosen.sources[k]} if chosen.sources and chosen.sources[k] else {}
             write_frame(self.out / "polar", frame.name, image, **rasters(under, grid), **source)
-        return MadeBatch({frame.name: about_frame(frame.scene, **motion_of(frame)) for frame in frames}, seconds)
+        return MadeBatch({frame.name: about_frame(frame.scene, **motion_of(frame, 0.0)) for frame in frames}, seconds)
 
 
 SpreadBatches = Callable[[Sequence[FrameBatch]], Iterator[MadeBatch]]
@@ -201,9 +201,9 @@ def simulate_folder(
     grid, _ = maker.learned.window
     first_s = 0.0
     if effects_model:
-        # Refused before the folder is claimed, not at the first frame that is written.
-        check_motion(effects_model, **motion_of(dataset[positions[0]]))
         first_s = begin_of(dataset)
+        # Refused before the folder is claimed, not at the first frame that is written.
+        check_motion(effects_model, **motion_of(dataset[positions[0]], first_s))
     claim_effects(out, effects_model)
     claim_frames(
         out,

@@ -93,7 +93,7 @@ def write_pairs(
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]), source=SOURCE)
             scan = measured_in(window, frame, lines=lines)
             write_frame(folders[1], frame.name, comparable(scan, under.valid), source=SOURCE)
-            about[frame.name] = about_frame(frame.scene, **motion_of(frame))
+            about[frame.name] = about_frame(frame.scene, **motion_of(frame, 0.0))
         log(f"{len(about)} of {len(positions)} frames simulated")
     # `scan_of` takes what a frame does not say for 0: it is given for all frames, or for none.
     for key in ("time", "speed", "heading"):
