@@ -148,7 +148,7 @@ class Graph:
         return name
 
     def name(self, value: _Value) -> str:
-        """Of a constant, which is put into the file, or of what is there."""
+        """The name of a value: that of a constant, which is put into the file, or of what is there already."""
         if isinstance(value, str):
             return value
         name = f"constant_{len(self.constants)}"
