@@ -45,8 +45,8 @@ from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia, save_lidia
 from jaxsim.report.pictures import intensity_panel, save_picture, strip
 from jaxsim.report.results import markdown_table
+from jaxsim.simulate.discover_sides import measured_in
 from jaxsim.simulate.predict import make_predict
-from jaxsim.simulate.sides import measured_in
 from jaxsim.train.experiments import load_experiment
 
 SCRIPT = Path(__file__).parents[2] / "train.py"

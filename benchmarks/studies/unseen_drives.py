@@ -45,8 +45,8 @@ from jaxsim.report.canvas import AFTER, FAINT, RULE, Canvas, save_figure
 from jaxsim.report.charts import label, ticks
 from jaxsim.report.pictures import pair_picture, save_picture
 from jaxsim.report.results import difference_table, markdown_table, score_table
+from jaxsim.simulate.discover_sides import write_both_sides
 from jaxsim.simulate.predict import make_predict
-from jaxsim.simulate.sides import write_pairs
 from jaxsim.train.experiments import load_experiment
 from jaxsim.train.join import join_runs
 from jaxsim.train.loop import train_apart
@@ -152,7 +152,8 @@ def score_run(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, An
 def as_folders(run: Path, fold: int, data: DataConfig, out: Path) -> None:
     """Adds the fold's frames, simulated by the run that has not seen them and measured, to OUT/frames."""
     dataset = open_dataset(data)
-    for folder in write_pairs(jaxsim.load(run), dataset, select(FOLDS[fold], dataset), out=out / "folds" / str(fold)):
+    judged = select(FOLDS[fold], dataset)
+    for folder in write_both_sides(jaxsim.load(run), dataset, judged, out=out / "folds" / str(fold)):
         together = out / "frames" / folder.name
         grid, about = read_grid(folder)
         known = read_grid(together)[1] if (together / "grid.json").is_file() else {}

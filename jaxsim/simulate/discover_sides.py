@@ -61,7 +61,7 @@ def refuse_others(folder: Path, names: Sequence[str]) -> None:
             )
 
 
-def write_pairs(
+def write_both_sides(
     learned: LearnedSensor,
     dataset: Dataset,
     positions: Sequence[int],
