@@ -18,7 +18,7 @@ from functools import lru_cache
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 from uuid import uuid4
 
 _log = logging.getLogger(__name__)
@@ -35,6 +35,7 @@ FAILURES_TOLD = 3
 _opening = threading.Lock()
 
 
+@runtime_checkable
 class Job(Protocol[Item_in, Result_out]):
     """What is to be done with items, as values that can be pickled."""
 

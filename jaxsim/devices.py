@@ -173,7 +173,7 @@ def nearby(tree: PyTree) -> PyTree:
 def to_host(tree: PyTree) -> PyTree:
     """NumPy arrays of the whole values; where they are cut over processes, all processes have to ask."""
 
-    def fetch(x: jax.Array | np.ndarray) -> np.ndarray:
+    def fetch(x: jax.Array | np.ndarray | np.generic | float) -> np.ndarray:
         if isinstance(x, jax.Array) and not (x.is_fully_addressable or x.is_fully_replicated):
             return np.asarray(multihost_utils.process_allgather(x, tiled=True))
         return np.asarray(x)

@@ -26,6 +26,10 @@ np.ndarray."""
 
 CLASSES = 34
 """Cityscapes ids 0..33, in every raster `semantic`."""
+INTENSITY_STEP = 0.01
+"""KITTI's sensor reports intensity in hundredths, 0.99 at most."""
+LOST_BELOW = INTENSITY_STEP / 2
+"""A reading that rounds to intensity 0 counts as lost: a network's 0 stands for both."""
 
 
 def in_notebook(value: Any) -> str:

@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from jaxsim.config import QUANTILES
 from jaxsim.files import need, replacing, write_text
-from jaxsim.frame import Array
+from jaxsim.frame import LOST_BELOW, Array
 from jaxsim.pix2pix import make_generate
 from jaxsim.pix2pix.convolution import for_any_device
 from jaxsim.prepare import INPUT_CHANNELS, input_channels
@@ -103,7 +103,7 @@ def describe_network(learned: LearnedSensor) -> dict[str, Any]:
     meaning = (
         f"quantiles {', '.join(map(str, QUANTILES))} of the intensity as 2 x - 1, then the logit of a drop"
         if distribution
-        else "intensity as 2 x - 1; below 0.005 the ray does not come back"
+        else f"intensity as 2 x - 1; below {LOST_BELOW} the ray does not come back"
     )
     return {
         "inputs": names,
@@ -148,7 +148,7 @@ class Graph:
         return name
 
     def name(self, value: _Value) -> str:
-        """Of a constant, which is put into the file, or of what is there."""
+        """The name of a value: that of a constant, which is put into the file, or of what is there already."""
         if isinstance(value, str):
             return value
         name = f"constant_{len(self.constants)}"

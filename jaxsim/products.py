@@ -11,7 +11,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 PRECISION = jax.lax.Precision.HIGHEST
 """Of convolutions that must not round either."""
@@ -29,7 +29,7 @@ def inverse(matrices: Float[Array, "n p p"]) -> Float[Array, "n p p"]:
     such calls at once on two cores wait for each other for ever (jaxlib 0.10).
     """
 
-    def eliminate(k: int, a: Float[Array, "n p p"]) -> Float[Array, "n p p"]:
+    def eliminate(k: Int[Array, ""], a: Float[Array, "n p p"]) -> Float[Array, "n p p"]:
         column, pivot = a[:, :, k], a[:, k, k]
         row = (a[:, k] / pivot[:, None]).at[:, k].set(1 / pivot)
         # What stands in the column itself is the inverse's so far.

@@ -89,15 +89,15 @@ def read_state_dict(path: Path, files: tuple[str, ...] = ()) -> Arrays:
         raise ValueError(f"convert: {path} is no PyTorch checkpoint of plain tensors ({error})") from error
     if not isinstance(content, Mapping):
         raise ValueError(f"convert: {path} holds a {type(content).__name__}, not a state dict (names -> tensors)")
-    return dict(_flat(content, torch.Tensor))
+    return dict(_named_tensors(content, torch.Tensor))
 
 
-def _flat(content: Mapping[Any, Any], tensor: type, prefix: str = "") -> Any:
+def _named_tensors(content: Mapping[Any, Any], tensor: type, prefix: str = "") -> Any:
     for name, value in content.items():
         if isinstance(value, tensor):
             yield f"{prefix}{name}", value.detach().cpu().numpy()  # type: ignore[attr-defined]
         elif isinstance(value, Mapping):
-            yield from _flat(value, tensor, f"{prefix}{name}.")
+            yield from _named_tensors(value, tensor, f"{prefix}{name}.")
 
 
 def _read_npz(path: Path, *, summed: bool = False) -> Arrays:

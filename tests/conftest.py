@@ -28,23 +28,18 @@ from jaxtyping import install_import_hook
 
 import tests.typechecker  # noqa: F401  (the hook finds it as an attribute of the package)
 
-STAGES = (
-    "geometry", "data", "prepare", "pix2pix", "cloud", "detect", "metrics", "pairs", "runs", "simulate", "evaluate",
-    "report", "train", "studies", "cli", "engines", "portable",
-)  # fmt: skip
 ROOMS = Path(__file__).parents[1] / "jaxsim"
-EFFECTS = sorted(path.stem for path in (ROOMS / "effects").glob("[a-z]*"))
-DISCOVER = sorted(path.stem for path in (ROOMS / "discover").glob("[a-z]*"))
 # frame.py and rays.py hold structs and no kernels, and are left out: those are also built by tree operations, with
-# leaves that are no arrays.
-install_import_hook(
-    [
-        *(f"jaxsim.{stage}" for stage in STAGES),
-        *(f"jaxsim.effects.{name}" for name in EFFECTS if name != "rays"),
-        *(f"jaxsim.discover.{name}" for name in DISCOVER),
-    ],
-    "tests.typechecker.check",
-)
+# leaves that are no arrays. Settings (config) check themselves, of lists and texts that they make tuples and paths of.
+# Of `jaxsim.effects`, a prefix of all its files, the files are named.
+UNCHECKED = ("jaxsim.frame", "jaxsim.config", "jaxsim.effects", "jaxsim.effects.rays")
+CHECKED = [
+    name
+    for room in ("jaxsim", "jaxsim.effects")
+    for path in sorted((ROOMS.parent / room.replace(".", "/")).glob("[a-z]*"))
+    if (name := f"{room}.{path.stem}") not in UNCHECKED
+]
+install_import_hook(CHECKED, "tests.typechecker.check")
 
 import jax
 import pytest

@@ -41,14 +41,12 @@ from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data.kitti_files import read_velodyne
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import discover_folders
-from jaxsim.frame import Cloud, PolarGrid, PolarImage
+from jaxsim.frame import INTENSITY_STEP, Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import fit_beams, full_grid, points_to_polar, preset, recover_rows
 
 COLUMNS = 1024
 QUARTERS = 4
 GUARD_RAD = np.deg2rad(5.0)
-STEP = 0.01
-"""Of KITTI's intensity."""
 
 
 def scan_files(root: Path) -> dict[str, Path]:
@@ -94,7 +92,7 @@ def quarters(files: Mapping[str, Path]) -> tuple[PolarGrid, dict[str, Scan]]:
     for name, image in images.items():
         rng = np.random.default_rng(list(name.encode()))
         range_m, valid = np.asarray(image.range_m, float), np.asarray(image.valid)
-        spread = np.asarray(image.intensity) + STEP * (rng.random(valid.shape) - 0.5)
+        spread = np.asarray(image.intensity) + INTENSITY_STEP * (rng.random(valid.shape) - 0.5)
         # A reading of 0 lies in the upper half of its step.
         intensity = np.clip(np.where(spread > 0, spread, -spread), 1e-4, 1)
         for k in range(QUARTERS):

@@ -37,8 +37,8 @@ from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.report.discovery import write_report
+from jaxsim.simulate.discover_sides import write_both_sides
 from jaxsim.simulate.learned_sensor import load
-from jaxsim.simulate.sides import write_pairs
 
 LINEAR = 100
 """Ouster's reflectivity is linear up to this value, and logarithmic above (retroreflectors)."""
@@ -85,7 +85,7 @@ def kitti(root: Path, out: Path, runs: Sequence[Path], nulls: int) -> None:
         }
         for title, parts in chosen.items():
             case = out / f"{run.name}-{title.split()[0]}"
-            folders = [write_pairs(sensor, drives[kind], list(frames), out=case / kind) for kind, frames in parts]
+            folders = [write_both_sides(sensor, drives[kind], list(frames), out=case / kind) for kind, frames in parts]
             _join(folders, case)
             print(f"\n## {run.name} ({inputs}): {title}\n")
             answer(case, nulls)

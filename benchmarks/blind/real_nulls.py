@@ -29,13 +29,13 @@ from tqdm import tqdm
 
 from benchmarks.blind.hidden.frames import Grid
 from benchmarks.blind.hidden.replay import Scan, list_plantable, plant_on
-from benchmarks.blind.planted_on_kitti import STEP, whole_turns
+from benchmarks.blind.planted_on_kitti import whole_turns
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import rate
 from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import Verdict, discover_folders, discover_unpaired
-from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.frame import INTENSITY_STEP, PolarGrid, PolarImage
 
 SCAN_S = 0.1
 """Seconds from one scan of KITTI's to the next."""
@@ -139,7 +139,9 @@ def planted(
     found = {}
     for name, reading in zip(frames, readings, strict=True):
         range_m, intensity = (reading[channel].astype(np.float32) for channel in ("range", "intensity"))
-        found[name] = PolarImage(range_m, np.round(intensity / STEP).astype(np.float32) * np.float32(STEP), range_m > 0)
+        found[name] = PolarImage(
+            range_m, np.round(intensity / INTENSITY_STEP).astype(np.float32) * np.float32(INTENSITY_STEP), range_m > 0
+        )
     return found
 
 

@@ -23,7 +23,8 @@ from jaxsim.data.batches import batches, stack
 from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step
 from jaxsim.prepare import input_channels
-from jaxsim.simulate.predict import make_batch, make_predict
+from jaxsim.simulate.predict import make_predict
+from jaxsim.train.intensity_batch import make_batch
 from jaxsim.train.training import ahead
 
 

@@ -7,11 +7,8 @@ numbers, then 40 frames of 10 streets are made one after the other, as for a dat
 """
 
 import itertools
-import sys
 import time
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
 from timing import interleave
 
 from jaxsim.data.synthetic import SyntheticWorld

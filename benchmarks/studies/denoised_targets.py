@@ -38,16 +38,15 @@ from jaxsim.data.records import PairRecord, kept_of
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.data.synthetic.world import cloud_of
 from jaxsim.files import replacing
-from jaxsim.frame import Frame, Pair
+from jaxsim.frame import LOST_BELOW, Frame, Pair
 from jaxsim.metrics import paired_scores, paired_sums
-from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.pairs.prepared import pairs_folder, prepared
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia, save_lidia
 from jaxsim.report.pictures import intensity_panel, save_picture, strip
 from jaxsim.report.results import markdown_table
+from jaxsim.simulate.discover_sides import measured_in
 from jaxsim.simulate.predict import make_predict
-from jaxsim.simulate.sides import measured_in
 from jaxsim.train.experiments import load_experiment
 
 SCRIPT = Path(__file__).parents[2] / "train.py"
@@ -127,7 +126,7 @@ def scores_of(
 ) -> dict[str, float]:
     """mae, rmse, psnr, ssim to the references, on cells that the camera saw and whose beam came back; drop_iou."""
     parts = [
-        paired_sums(image, image < DROP_BELOW, reference, returned=pair.measured.valid, m=pair.painted.valid)
+        paired_sums(image, image < LOST_BELOW, reference, returned=pair.measured.valid, m=pair.painted.valid)
         for image, pair, reference in zip(images, pairs, references, strict=True)
     ]
     sums = {key: sum(np.asarray(part[key], np.float64) for part in parts) for key in parts[0]}

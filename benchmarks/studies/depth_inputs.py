@@ -27,9 +27,8 @@ from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import PrepareConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.files import replacing
-from jaxsim.frame import Pair
+from jaxsim.frame import LOST_BELOW, Pair
 from jaxsim.metrics import paired_scores, paired_sums
-from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.pairs.prepared import prepared
 from jaxsim.report.pictures import intensity_panel, save_picture, strip
 from jaxsim.report.results import markdown_table
@@ -41,7 +40,7 @@ NEAR = 0.02
 def score(images: Sequence[np.ndarray], pairs: Sequence[Pair], cells: Sequence[np.ndarray]) -> dict[str, float]:
     """mae, rmse, psnr, ssim, drop_iou to the measurement on these cells."""
     parts = [
-        paired_sums(image, image < DROP_BELOW, pair.measured.intensity, returned=pair.measured.valid, m=seen)
+        paired_sums(image, image < LOST_BELOW, pair.measured.intensity, returned=pair.measured.valid, m=seen)
         for image, pair, seen in zip(images, pairs, cells, strict=True)
     ]
     sums = {key: sum(np.asarray(part[key], np.float64) for part in parts) for key in parts[0]}

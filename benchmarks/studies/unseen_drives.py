@@ -37,6 +37,7 @@ from jaxsim.data.polar_frames import frame_names, read_grid, write_grid
 from jaxsim.evaluate.baselines import fit_baselines, fit_trees
 from jaxsim.evaluate.intensity import TREES, PairedSums, baseline_frames, network_sums
 from jaxsim.files import replacing
+from jaxsim.frame import INTENSITY_STEP
 from jaxsim.metrics.intervals import ratio_interval
 from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores
 from jaxsim.pairs.prepared import prepared
@@ -44,8 +45,8 @@ from jaxsim.report.canvas import AFTER, FAINT, RULE, Canvas, save_figure
 from jaxsim.report.charts import label, ticks
 from jaxsim.report.pictures import pair_picture, save_picture
 from jaxsim.report.results import difference_table, markdown_table, score_table
-from jaxsim.simulate.predict import STEP, make_predict
-from jaxsim.simulate.sides import write_pairs
+from jaxsim.simulate.discover_sides import write_both_sides
+from jaxsim.simulate.predict import make_predict
 from jaxsim.train.experiments import load_experiment
 from jaxsim.train.join import join_runs
 from jaxsim.train.loop import train_apart
@@ -121,8 +122,8 @@ def score_run(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, An
             [
                 int(
                     (
-                        (value >= middle + f * (below - middle) - STEP / 2)
-                        & (value <= middle + f * (above - middle) + STEP / 2)
+                        (value >= middle + f * (below - middle) - INTENSITY_STEP / 2)
+                        & (value <= middle + f * (above - middle) + INTENSITY_STEP / 2)
                     ).sum()
                 )
                 for f in FACTORS
@@ -151,7 +152,8 @@ def score_run(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, An
 def as_folders(run: Path, fold: int, data: DataConfig, out: Path) -> None:
     """Adds the fold's frames, simulated by the run that has not seen them and measured, to OUT/frames."""
     dataset = open_dataset(data)
-    for folder in write_pairs(jaxsim.load(run), dataset, select(FOLDS[fold], dataset), out=out / "folds" / str(fold)):
+    judged = select(FOLDS[fold], dataset)
+    for folder in write_both_sides(jaxsim.load(run), dataset, judged, out=out / "folds" / str(fold)):
         together = out / "frames" / folder.name
         grid, about = read_grid(folder)
         known = read_grid(together)[1] if (together / "grid.json").is_file() else {}

@@ -2,8 +2,8 @@
 
 A command is a row of COMMANDS (or of MODES) and a module of this package. Only the module of the command that is asked
 for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `commands` (the
-rows, and how one becomes a running command), `console` (what all tell), `flags` (what several share), `elsewhere` (a
-command on a cluster), `endings` (how failures are told), and of discover `sides` and `gates`.
+rows), `running` (how one becomes a running command), `console` (what all tell), `flags` (what several share),
+`elsewhere` (a command on a cluster), `endings` (how failures are told), and of discover `sides` and `gates`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import gc
 import sys
 from importlib.metadata import version
 
-from jaxsim.cli.commands import COMMANDS, MODES, call, check_mode, find_command, overview
+from jaxsim.cli.commands import COMMANDS, MODES, overview
 from jaxsim.cli.console import tell_on_console, without_quiet
 from jaxsim.cli.endings import stop_on_error
+from jaxsim.cli.running import call, check_mode, find_command
 
 __all__ = ["COMMANDS", "MODES", "main", "stop_on_error"]
 

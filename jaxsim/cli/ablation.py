@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxsim.cli.commands import MODES, parse
+from jaxsim.cli.commands import MODES
 from jaxsim.cli.flags import SAME, DataSource
+from jaxsim.cli.running import parse
 from jaxsim.cli.train import parse_experiment
 from jaxsim.config import Experiment
 from jaxsim.config.ranges import Checked, Count, Whole

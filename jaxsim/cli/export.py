@@ -8,7 +8,6 @@ from pathlib import Path
 
 from jaxsim.cli.elsewhere import OnWorkers, on_cluster
 from jaxsim.cli.flags import SYNTHETIC, DataSource, EffectFiles, IntoFolder, Scheduler
-from jaxsim.cloud.kitti_tree import REACH_M
 from jaxsim.config import CloudRecipe
 from jaxsim.config.ranges import Count, Positive, Share
 from jaxsim.data import open_dataset
@@ -43,15 +42,15 @@ class Export(OnWorkers, IntoFolder):
     """Effects (sensor.json) that the learned sensor lacks, for `--recipe.projection grid`; `jaxsim discover` writes
     one."""
     effects_from: EffectFiles = ()
-    occlusion: Occlusion = "levels"
+    occlusion: Occlusion = LabelRules.occlusion
     """Column `occluded` of vkitti2: KITTI's 0, 1, 2 by how much of its box an object fills; the same one level up, so
     that nothing is easy; or the hidden share as a fraction, as the paper has it, which the official evaluation cannot
     read. Other sets have levels of their own."""
-    filled: tuple[Share, Share] = (0.5, 0.25)
+    filled: tuple[Share, Share] = LabelRules.filled
     """Share of the box that an object fills at least at level 0, and at level 1: an unhidden car fills 0.65 to 0.85."""
-    reach_m: Positive = REACH_M
+    reach_m: Positive = LabelRules.reach_m
     """Objects farther away are left out."""
-    keep_empty: bool = False
+    keep_empty: bool = LabelRules.keep_empty
     """Write frames without objects too, with an empty label file. OpenPCDet cannot read such a frame for training."""
     workers: Count = 2
     """Frames at work at once."""

@@ -63,13 +63,13 @@ class Sides(IntoFolder):
             if self.measured or self.simulated:
                 raise ValueError("discover: a run is held against its own data set; give it or two folders, not both")
             # Networks and their checkpoints, which two folders need not wait for.
+            from jaxsim.simulate.discover_sides import write_both_sides
             from jaxsim.simulate.learned_sensor import load
-            from jaxsim.simulate.sides import write_pairs
 
             learned = load(self.run)
             of_run = learned.run.experiment.data
             dataset, positions = self.data.open(of_run, frames=self.frames, run=self.run)
-            return write_pairs(learned, dataset, positions, out=self.out, log=_log)
+            return write_both_sides(learned, dataset, positions, out=self.out, log=_log)
         given = [field.name for field in fields(DataSource) if getattr(self.data, field.name) != field.default]
         for flag in [*(f"data.{name}" for name in given), *["frames"] * bool(self.frames)]:
             raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
@@ -77,7 +77,7 @@ class Sides(IntoFolder):
         sensed = _folder("--measured", self.measured)
         if not self.lambert:
             return _folder("--simulated", self.simulated), sensed
-        from jaxsim.simulate.sides import write_lambert
+        from jaxsim.simulate.discover_sides import write_lambert
 
         written = write_lambert(sensed, self.out)
         _log(f"{written}: Lambert's law on the measured ranges; of ranges and losses nothing can be asked")

@@ -18,7 +18,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report.clouds import draw_simulated, write_simulated
 from jaxsim.report.scenes import CLOUDS_PAGE
-from jaxsim.simulate.folder import FrameMaker, simulate_folder
+from jaxsim.simulate.folder import CloudFormat, FrameMaker, simulate_folder
 from jaxsim.simulate.grain import read_grain
 from jaxsim.simulate.learned_sensor import LearnedSensor, Projection, load
 
@@ -38,14 +38,14 @@ class Simulate(OnWorkers, IntoFolder):
     """Folder to write to."""
     data: DataSource = SAME
     """Data set whose images, depth and labels to use."""
-    projection: Projection = "lidar"
+    projection: Projection = FrameMaker.projection
     """What the network sees: the camera's rasters carried to the LiDAR's grid, as in training; or with `none` only
     scaled down to its size, as the paper does on Virtual KITTI."""
     frames: str = ""
     """Frames to simulate: `0-99`. Empty: the run's validation frames, or all of another data set."""
-    formats: tuple[Literal["bin", "pcd", "ply", "npz"], ...] = ("bin", "pcd", "ply")
+    formats: tuple[CloudFormat, ...] = FrameMaker.formats
     """Formats of the clouds."""
-    batch: Count = 8
+    batch: Count = FrameMaker.batch
     """Frames simulated at once."""
     previews: Whole = 4
     """Frames to draw."""

@@ -74,6 +74,6 @@ def frames_seen(learned: SplitSide, judged: SplitSide) -> list[int]:
 
 
 def _digest(values: Iterable[np.ndarray]) -> str:
-    """Of values that are there; of none, as of a frame that no LiDAR measured, it is empty."""
+    """The digest of a frame's values; empty where there are none, as of a frame that no LiDAR measured."""
     arrays = list(values)
     return digest_of_values(arrays) if any(array.size for array in arrays) else ""

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.effects.rays import FLOOR, REFERENCE_M, Rays, Scan
+from jaxsim.effects.rays import FLOOR, LEAST_M, REFERENCE_M, Rays, Scan
 from jaxsim.frame import Array, PolarGrid
 
 Places = tuple[Int[Array, "*n"], Int[Array, "*n"], Int[Array, "*n"]]
@@ -86,7 +86,7 @@ def rays_at(scan: Scan, at: Places) -> Rays:
         met_log_intensity=log_intensity,
         log_intensity=log_intensity,
         # Sensors correct their intensity for the fall-off with the square of the range; the echo's power still has it.
-        log_power=log_intensity - 2 * jnp.log(jnp.maximum(r, 0.1) / REFERENCE_M),
+        log_power=log_intensity - 2 * jnp.log(jnp.maximum(r, LEAST_M) / REFERENCE_M),
         log_power_sd=zero,
         log_keep=zero,
         column_loss=zero,

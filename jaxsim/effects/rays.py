@@ -24,7 +24,7 @@ TURN = 6.283185307179586
 REFERENCE_M = 10.0
 """Range at which power and intensity agree."""
 LEAST_M = 0.1
-"""Nearest range that is divided by, or whose logarithm is taken: a ray that hits nothing has 0."""
+"""Ranges count as no nearer where they divide or their logarithm is taken: what hits nothing may have range 0."""
 FLOOR = 1e-4
 """Intensities are kept above this before their logarithm is taken."""
 NEVER = -30.0

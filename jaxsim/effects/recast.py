@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.edits import wrapped
 from jaxsim.effects.places import Places, on_turn, spans_turn
-from jaxsim.effects.rays import FLOOR, REFERENCE_M, Array, Rays, Scan
+from jaxsim.effects.rays import FLOOR, LEAST_M, REFERENCE_M, Array, Rays, Scan
 from jaxsim.frame import PolarGrid
 from jaxsim.geometry import with_neighbours
 
@@ -98,7 +98,7 @@ def _look_up(
     sine, cosine = jnp.sin(rays.azimuth_rad), jnp.cos(rays.azimuth_rad)
     elevation = rays.elevation_rad + turned[..., 1]
     # A moved origin shifts a far point's direction by little: at infinity by nothing, which 1 / range says exactly.
-    near = 1 / jnp.maximum(met_m, 0.1)
+    near = 1 / jnp.maximum(met_m, LEAST_M)
     x = jnp.cos(elevation) * jnp.cos(turned[..., 0]) + near * (moved[..., 0] * cosine + moved[..., 1] * sine)
     y = jnp.cos(elevation) * jnp.sin(turned[..., 0]) + near * (moved[..., 1] * cosine - moved[..., 0] * sine)
     z = jnp.sin(elevation) + near * moved[..., 2]
@@ -216,4 +216,4 @@ def _place(rays: Rays, scan: Scan, s: _Surface, *, met_m: Float[Array, "*n"], tu
 
 def _over_reference(range_m: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """Range over the reference range, kept positive."""
-    return jnp.maximum(range_m, 0.1) / REFERENCE_M
+    return jnp.maximum(range_m, LEAST_M) / REFERENCE_M

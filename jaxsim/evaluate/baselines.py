@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.files import need
-from jaxsim.frame import CLASSES, Pair
-from jaxsim.metrics.paired import DROP_BELOW, GroupLevels, group_levels
+from jaxsim.frame import CLASSES, LOST_BELOW, Pair
+from jaxsim.metrics.paired import GroupLevels, group_levels
 
 BEAM_PLACES = 64
 """Lines that the table tells apart, as the network's `beam` does."""
@@ -151,7 +151,7 @@ def previous_frame(before: Pair, filling: float) -> Guess:
     """The measured frame before, copied cell by cell; where it has no return, `filling` stands in."""
     measured = before.measured
     intensity = np.where(measured.valid, measured.intensity, np.float32(filling))
-    return Guess(intensity, ~measured.valid | (measured.intensity < DROP_BELOW))
+    return Guess(intensity, ~measured.valid | (measured.intensity < LOST_BELOW))
 
 
 def fit_trees(train: Iterable[Pair], *, context: bool) -> Baseline:
@@ -174,7 +174,7 @@ def fit_trees(train: Iterable[Pair], *, context: bool) -> Baseline:
     back = np.concatenate(returned)
     of_intensity: Any = ensemble.HistGradientBoostingRegressor(loss="absolute_error", **settings, **SHARED)
     of_intensity.fit(x[back][::every], y[back][::every])
-    dropped = ~back | (y < DROP_BELOW)
+    dropped = ~back | (y < LOST_BELOW)
     # A classifier needs cells of both outcomes; without them no drop is predicted.
     of_drops: Any = None
     if dropped[::every].any() and not dropped[::every].all():

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from jaxsim.config import QUANTILES, PrepareConfig
 from jaxsim.evaluate.baselines import Baseline, fit_baselines, fit_trees, previous_frame
-from jaxsim.frame import Array, Pair
+from jaxsim.frame import INTENSITY_STEP, LOST_BELOW, Array, Pair
 from jaxsim.geometry import resample
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import (
@@ -33,11 +33,11 @@ from jaxsim.metrics.frechet import (
     statistics_file,
 )
 from jaxsim.metrics.inception import Extractor
-from jaxsim.metrics.paired import DROP_BELOW, frame_sums, total_scores
+from jaxsim.metrics.paired import frame_sums, total_scores
 from jaxsim.pairs.prepared import PreparedPairs
 from jaxsim.prepare import network_inputs
 from jaxsim.progress import Progress
-from jaxsim.simulate.predict import STEP, Generate, Prediction
+from jaxsim.simulate.predict import Generate, Prediction
 
 Predict = Callable[[Any, Pair], Prediction]
 
@@ -83,13 +83,13 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
         value, back = np.asarray(pair.measured.intensity), np.asarray(pair.measured.valid)
         looked = np.asarray(pair.painted.valid)
         counts = looked & back
-        half = STEP / 2  # the sensor rounds: a quantile within a step's half of what it reports covers it
+        half = INTENSITY_STEP / 2  # the sensor rounds: a quantile within it of what is reported covers that
         for k in range(2):
             # Pairs from outside in: the k-th and the k-th from the end.
             low, high = quantiles[..., k] - half, quantiles[..., -1 - k] + half
             inside[k] += ((value >= low) & (value <= high))[counts].sum()
         cells += int(counts.sum())
-        drops = ~back | (value < DROP_BELOW)
+        drops = ~back | (value < LOST_BELOW)
         square += float(((share - drops)[looked] ** 2).sum())
         seen += int(looked.sum())
     if not cells:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from types import GenericAlias
 from typing import Any, NoReturn, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -165,7 +166,7 @@ def read_json(path: Path | str, *, by: str, hint: str = "copy it again, or make 
         return parse_json(text)
 
 
-def read_entry(path: Path | str, name: str, kind: type[Any], *, by: str) -> Any:
+def read_entry(path: Path | str, name: str, kind: type[Any] | GenericAlias, *, by: str) -> Any:
     """What a JSON file holds under one name, of the type `kind`, such as `list[str]`.
 
     Raises ValueError as `read_json`, and where it holds nothing under that name, or of another type.
@@ -184,13 +185,13 @@ def check_keys(given: Mapping[str, Any], known: Collection[str], *, where: str) 
         raise ValueError(f"{where}: {unknown[0]!r} means nothing here; {guess}")
 
 
-def parse_settings(kind: type[Settings], content: Any) -> Settings:
+def parse_settings(kind: type[Settings] | GenericAlias, content: Any) -> Settings:
     """A dataclass of settings from the plain values of a JSON text.
 
     Types are taken as they are written (no "8" or true for a number), and keys must be known. Raises ValueError with
     the first value that is wrong, in a line.
     """
-    adapter = TypeAdapter[Any](kind)
+    adapter = TypeAdapter[Any](kind)  # type: ignore[arg-type]
     if is_dataclass(kind) and isinstance(content, Mapping):
         # Before it is said that the key is missing which one of these was to be.
         check_keys(content, [field.name for field in fields(kind)], where="settings")

@@ -17,10 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.frame import Array
+from jaxsim.frame import LOST_BELOW, Array
 from jaxsim.metrics.intervals import jackknife_interval, ratio_interval
-
-DROP_BELOW = 0.005  # half of the 1/100 step in which KITTI stores intensity
 
 
 class Score(NamedTuple):
@@ -92,7 +90,7 @@ def paired_sums(
     """
     both = m & returned
     error = jnp.where(both, x - y, 0.0)
-    dropped = ~returned | (y < DROP_BELOW)
+    dropped = ~returned | (y < LOST_BELOW)
     return {
         "cells": both.sum(),
         "absolute": jnp.abs(error).sum(),
@@ -161,7 +159,7 @@ def group_levels(
     last = len(value) - 1
     middle = (value[np.minimum(low, last)] + value[np.minimum(high, last)]) / 2
     total = np.bincount(index, intensity[returned], groups)
-    dropped = np.bincount(group[~returned | (intensity < DROP_BELOW)], minlength=groups)
+    dropped = np.bincount(group[~returned | (intensity < LOST_BELOW)], minlength=groups)
     return GroupLevels(
         mean=np.where(count > 0, total / np.maximum(count, 1), total.sum() / count.sum()),
         median=np.where(count > 0, middle, np.median(value)),

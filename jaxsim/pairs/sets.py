@@ -146,10 +146,10 @@ def _claim_plan(making: Path, job: PairJob, splits: dict[str, list[int]], *, siz
     }
     claim(
         making / "plan.json",
-        _flat(plan),
+        _by_flag(plan),
         by="prepare",
         text=json.dumps(plan),
-        read=lambda record: _flat(parse_json(record)),
+        read=lambda record: _by_flag(parse_json(record)),
         note="code is the fingerprint of jaxsim's own; to go on, give the settings that it was begun with",
     )
 
@@ -181,7 +181,7 @@ def _check_sources(folder: Path, dataset: Dataset) -> None:
             )
 
 
-def _flat(plan: dict[str, Any]) -> dict[str, Any]:
+def _by_flag(plan: dict[str, Any]) -> dict[str, Any]:
     """A plan with its splits by the names of their flags."""
     return {name: value for name, value in plan.items() if name != "splits"} | plan["splits"]
 

@@ -51,6 +51,7 @@ def ticks(low: Length, high: Length, count: int = 5, *, whole: bool = False) -> 
 
 
 def label(value: Length) -> str:
+    """A number as it stands beside an axis: six digits at most, with a true minus sign."""
     return f"{value:.6g}".replace("-", "−")
 
 
@@ -88,7 +89,7 @@ def draw_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str, na
 
 
 def root_mean_square(values: Float[np.ndarray, "..."]) -> float:
-    """Of what is finite; NaN where nothing is."""
+    """The root mean square of the values that are finite, in their unit; NaN where none is."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 

@@ -71,10 +71,12 @@ def section(title: str, *parts: str, name: str = "") -> Markup:
 
 
 def paragraph(text: str) -> Markup:
+    """A text as a paragraph of the page; what it holds of HTML is shown as it stands, unless it is Markup."""
     return Markup("<p>{}</p>").format(text)
 
 
 def code(text: str) -> Markup:
+    """A text in the type of code, within a line."""
     return Markup("<code>{}</code>").format(text)
 
 
@@ -86,6 +88,7 @@ def shows(words: str, *, scene: int | None = None, channel: str = "", figures: S
 
 
 def formula(text: str) -> Markup:
+    """A formula in lines of its own, broken where the text is."""
     return Markup("<pre>{}</pre>").format(text)
 
 
@@ -158,10 +161,12 @@ def number(value: Real | None) -> str:
 
 
 def probability(p: Real) -> str:
+    """A probability (0..1) in two digits; a dash where it is not finite."""
     if not math.isfinite(p):
         return "–"
     return "< 0.0001" if p < 1e-4 else f"{p:.2g}"
 
 
 def percent(value: Real) -> str:
+    """A share (1 is all) in whole per cent; a dash where it is not finite."""
     return f"{100 * value:.0f} %".replace("-", "−") if math.isfinite(value) else "–"

@@ -1,13 +1,13 @@
 """The learned sensor: from what a renderer knows to what the LiDAR reports.
 
-predict        the paper's steps in one function: `simulate_frame`; the same where the network sees no projection;
-               whether images are like those that a run learned from
+predict        the paper's steps in one function: `simulate_frame`; the same where the network sees no projection
+checks         whether images are like those that a run learned from
 grain          how the cells of a draw scatter together: `Grain`, fields that go on along a surface and break at edges
 grain_fit      learning it from measured frames: `learn_grain` (`jaxsim grain`)
 live           in a simulator's loop: each tick's view, or what a ray caster's rays meet, to a cloud
 learned_sensor `LearnedSensor`: a trained run
 frames         simulated frames on the host, and effects on them
-sides          what `discover` compares: simulated frames beside measured ones of one drive, or, until there is a
+discover_sides what `discover` compares: simulated frames beside measured ones of one drive, or, until there is a
                simulator, Lambert's law beside what was measured
 folder         a data set's frames as polar frames and clouds: `simulate_folder` (`jaxsim simulate`)
 clouds, trees  the clouds that detectors learn from, and KITTI trees of them: `export_trees` (`jaxsim export`)

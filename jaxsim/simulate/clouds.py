@@ -77,14 +77,18 @@ def make_cloud(
     *,
     effects_model: SensorModel | None = None,
     key: Array | None = None,
+    first_s: float | None = None,
 ) -> Cloud:
     """The cloud of one frame, host memory; points that are not there are not valid.
 
-    `effects_model` is what the learned sensor lacks, drawn with `key` (by default that of seed 0). Raises ValueError
-    where the frame lacks what the recipe needs, and as `check_recipe`.
+    `effects_model` is what the learned sensor lacks, drawn with `key` (by default that of seed 0); what drifts counts
+    from `first_s`, the time of the data set's first frame (by default this frame's own). Raises ValueError where the
+    frame lacks what the recipe needs, and as `check_recipe`.
     """
     check_recipe(recipe, learned, effects_model)
-    dense = _dense(frame, recipe, learned, effects_model=effects_model, key=jax.random.key(0) if key is None else key)
+    drawn = jax.random.key(0) if key is None else key
+    motion = motion_of(frame, (frame.time_s or 0.0) if first_s is None else first_s)
+    dense = _dense(frame, recipe, learned, effects_model=effects_model, key=drawn, motion=motion)
     lines = lines_of(recipe)
     if lines != NO_LINES:
         cells, rows = _cells(lines)
@@ -105,7 +109,13 @@ def _cells(lines: str) -> tuple[EvenLines | PolarGrid, Sequence[int] | None]:
 
 
 def _dense(
-    frame: Frame, recipe: CloudRecipe, learned: LearnedSensor | None, *, effects_model: SensorModel | None, key: Array
+    frame: Frame,
+    recipe: CloudRecipe,
+    learned: LearnedSensor | None,
+    *,
+    effects_model: SensorModel | None,
+    key: Array,
+    motion: dict[str, float | None],
 ) -> Cloud:
     view = frame.camera
     if recipe.source == "measured":
@@ -122,7 +132,7 @@ def _dense(
         # What lies farther than any LiDAR sees is none of them.
         image = replace(image, valid=painted.valid & (painted.range_m <= FAR_M)) if recipe.keep_zero else image
         if effects_model is not None:
-            image = with_effects(effects_model, image, painted, grid=grid, key=key, **motion_of(frame))
+            image = with_effects(effects_model, image, painted, grid=grid, key=key, **motion)
         return polar_to_points(image, grid)
     if view.depth_m is None:
         raise ValueError(

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import jax
 
@@ -30,9 +30,11 @@ from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress, counted
-from jaxsim.simulate.frames import begin_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
+from jaxsim.simulate.frames import BATCH, begin_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.learned_sensor import LearnedSensor, Projection
+
+CloudFormat = Literal["bin", "pcd", "ply", "npz"]
 
 
 @runtime_checkable
@@ -122,8 +124,8 @@ class FrameMaker:
     grain: Grain | None = None
     """How the cells of a draw scatter together; none: each for itself."""
     projection: Projection = "lidar"
-    formats: Sequence[str] = ("bin", "pcd", "ply")
-    batch: int = 8
+    formats: tuple[CloudFormat, ...] = ("bin", "pcd", "ply")
+    batch: int = BATCH
     """Frames simulated at once: fewer are filled up, so that one compiled program serves all."""
     draw: Draw | None = None
 
@@ -172,7 +174,7 @@ class FrameMaker:
                 self.draw(frame.name, cloud, image=image, painted=under)
             source = {"source": chosen.sources[k]} if chosen.sources and chosen.sources[k] else {}
             write_frame(self.out / "polar", frame.name, image, **rasters(under, grid), **source)
-        return MadeBatch({frame.name: about_frame(frame.scene, **motion_of(frame)) for frame in frames}, seconds)
+        return MadeBatch({frame.name: about_frame(frame.scene, **motion_of(frame, 0.0)) for frame in frames}, seconds)
 
 
 SpreadBatches = Callable[[Sequence[FrameBatch]], Iterator[MadeBatch]]
@@ -199,9 +201,9 @@ def simulate_folder(
     grid, _ = maker.learned.window
     first_s = 0.0
     if effects_model:
-        # Refused before the folder is claimed, not at the first frame that is written.
-        check_motion(effects_model, **motion_of(dataset[positions[0]]))
         first_s = begin_of(dataset)
+        # Refused before the folder is claimed, not at the first frame that is written.
+        check_motion(effects_model, **motion_of(dataset[positions[0]], first_s))
     claim_effects(out, effects_model)
     claim_frames(
         out,
@@ -210,12 +212,31 @@ def simulate_folder(
         seed=maker.seed if effects_model or maker.draws else None,
         source=source.of_frames,
     )
+    announced = Announced(out / "polar", grid, order=[dataset.name_of(position) for position in positions])
+    batches = _missing_batches(maker, positions, announced.frames, previews=previews, first_s=first_s)
+
+    # Batches.
+    begun = time.monotonic()
+    missing = sum(len(batch.positions) for batch in batches)
+    already = len(positions) - missing
+    batches_s = []
+    with announced, Progress(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
+        for made in (spread or partial(_overlapped, maker))(batches):
+            announced.add(made.about)
+            batches_s.append(made.seconds)
+            bar.update(len(made.about))
+    return Speed(missing, already, maker.batch, tuple(batches_s), time.monotonic() - begun)
+
+
+def _missing_batches(
+    maker: FrameMaker, positions: Sequence[int], announced: Container[str], *, previews: int, first_s: float
+) -> list[FrameBatch]:
+    """The frames that are to be made, in batches: all but those that are announced, whole and of files that have not
+    changed since, and, of the first `previews`, drawn."""
+    out, dataset = maker.out, maker.dataset
     names = [dataset.name_of(position) for position in positions]
-    announced = Announced(out / "polar", grid, order=names)
     there = [
-        name
-        for name in names
-        if name in announced.frames and all(path.is_file() for path in _files(out, name, maker.formats))
+        name for name in names if name in announced and all(path.is_file() for path in _files(out, name, maker.formats))
     ]
     sources = {name: stamp_of(dataset, position) for name, position in zip(names, positions, strict=True)}
     anew = {name: why for name in there if (why := _anew(out, name, maker.formats, source=sources[name]))}
@@ -224,22 +245,11 @@ def simulate_folder(
     undrawn = {name for name in names[:previews] if not all(path.is_file() for path in pictures_of(out, name))}
     done = {*there} - {*anew} - undrawn
     missing = [position for position, name in zip(positions, names, strict=True) if name not in done]
-
-    # Batches.
-    begun = time.monotonic()
-    already = len(positions) - len(missing)
     drawn = frozenset(missing) & {*positions[:previews]}
-    batches = [
+    return [
         FrameBatch(tuple(chosen), drawn & {*chosen}, first_s, tuple(sources[dataset.name_of(k)] for k in chosen))
         for chosen in (missing[first : first + maker.batch] for first in range(0, len(missing), maker.batch))
     ]
-    batches_s = []
-    with announced, Progress(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
-        for made in (spread or partial(_overlapped, maker))(batches):
-            announced.add(made.about)
-            batches_s.append(made.seconds)
-            bar.update(len(made.about))
-    return Speed(len(missing), already, maker.batch, tuple(batches_s), time.monotonic() - begun)
 
 
 def data_words(source: DataConfig, projection: Projection = "lidar") -> str:

@@ -20,9 +20,12 @@ from jaxsim.frame import Array, CameraFrame, Frame, Painted, PolarGrid, PolarIma
 from jaxsim.geometry import incidence
 from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import dense_view
+from jaxsim.simulate.checks import check_image
 from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.learned_sensor import LearnedSensor, Projection
-from jaxsim.simulate.predict import check_image
+
+BATCH = 8
+"""Frames simulated together where nobody says otherwise."""
 
 
 def take(tree: Any, k: int) -> Any:
@@ -102,8 +105,12 @@ def begin_of(dataset: Dataset) -> float:
     return dataset[0].time_s or 0.0
 
 
-def motion_of(frame: Frame, first_s: float = 0.0) -> dict[str, float | None]:
-    """When a frame was taken, counted from `first_s`, and how the car moved; None where the frame does not say."""
+def motion_of(frame: Frame, first_s: float) -> dict[str, float | None]:
+    """When a frame was taken, counted from `first_s`, and how the car moved; None where the frame does not say.
+
+    Effects take it counted from the data set's first frame (`begin_of`): data sets count from 1970, of which single
+    precision keeps no seconds. Files of frames have it as the data set does, counted from 0.
+    """
     time_s = None if frame.time_s is None else frame.time_s - first_s
     return {"time_s": time_s, "speed_mps": frame.speed_mps, "heading_rad": frame.heading_rad}
 

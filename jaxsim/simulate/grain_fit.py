@@ -7,8 +7,8 @@ same cells, and the shares of the fields are those with which the two agree best
 
 Of drops only the outcome is known. A ray that drops where z < a, and another where z' < b, drop together by
     P(z < a, z' < b) - P(z < a) P(z' < b) = sum over n >= 1 of rho^n / n! f(a) f(b) He_(n-1)(a) He_(n-1)(b)
-(the tetrachoric series, Pearson 1900; f the normal density, He Hermite's polynomials), whose mean over pairs of cells
-is solved for rho.
+(the tetrachoric series, Pearson 1900; f the normal density, He Hermite's polynomials), whose mean over couples of
+cells is solved for rho.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from scipy.optimize import nnls
 from scipy.stats import norm
 
 from jaxsim.config import QUANTILES
-from jaxsim.frame import Pair
+from jaxsim.frame import LOST_BELOW, Pair
 from jaxsim.progress import Progress
 from jaxsim.simulate.grain import Breaks, Field, Grain, breaks_of, drawn_of
-from jaxsim.simulate.predict import STEP, Prediction
+from jaxsim.simulate.predict import Prediction
 
 # Numbers whose text gives no reason are conventions.
 LAGS = (1, 2, 4, 8, 16, 32, 64, 128)
 """Distances in columns and rows at which cells are compared: up to twice the longest of the fields."""
 BENDS_M = (0.05, 0.5)
-"""Pairs of cells are compared by the greatest bend of the range between them: below the first, the second, or beyond.
+"""Couples of cells are compared by the greatest bend of the range between them: below the first, the second, or beyond.
 Also the edges that fields heed."""
 FIELD_LENGTHS = (1.0, 4.0, 16.0, 64.0)
 """Lengths of the candidates, in columns; the shares mix those between which a length lies."""
@@ -50,8 +50,8 @@ OUTER = 0.002
 worth an infinite z."""
 DRAWS_OF_FIELD = 4
 """Draws of each candidate on each frame; their mean products stand for how alike it makes cells."""
-FEWEST_PAIRS = 50
-"""So many pairs of cells of one distance, direction and bend make a mean product that counts."""
+FEWEST_COUPLES = 50
+"""So many couples of cells of one distance, direction and bend make a mean product that counts."""
 ORDERS = 24
 """Terms of the series: up to a correlation of 0.9 it is within 0.002 of what it stands for (`pytest
 tests/simulate/test_grain_fit.py -k series`)."""
@@ -98,7 +98,7 @@ def _scan(says: Prediction, pair: Pair) -> GrainScan:
     seen, value = pair.painted, np.asarray(pair.measured.intensity)
     looked = np.asarray(seen.valid)
     # A ray that reports 0 counts as lost, as in training.
-    back = np.asarray(pair.measured.valid) & (value >= STEP / 2)
+    back = np.asarray(pair.measured.valid) & (value >= LOST_BELOW)
     on = breaks_of(seen.range_m, seen.valid, kind=seen.semantic, thing=seen.instance)
     return GrainScan(on, looked, back, value, np.asarray(says.quantiles), np.asarray(says.drop_share))
 
@@ -108,8 +108,8 @@ def fit_intensity(scans: Iterable[GrainScan]) -> tuple[Field, ...]:
     sums = ProductSums()
     for k, scan in enumerate(scans):
         z = norm.ppf(ranks_of(scan.intensity, scan.quantiles))
-        pairs = CellPairs(scan.on, scan.looked & scan.back)
-        sums.add(pairs, np.stack([pairs.of(z), *pairs.sums(z**2)]), k=k)
+        couples = CellCouples(scan.on, scan.looked & scan.back)
+        sums.add(couples, np.stack([couples.of(z), *couples.sums(z**2)]), k=k)
     # A network may be too sure, here or there: alike is what cells are beside how far they miss at all.
     return sums.shares(lambda means: means[0] / np.sqrt(np.maximum(means[1] * means[2], 1e-9)))
 
@@ -118,12 +118,12 @@ def fit_drop(scans: Iterable[GrainScan]) -> tuple[Field, ...]:
     """Fields of the drops. Raises ValueError where too few cells are known to tell."""
     sums = ProductSums()
     for k, scan in enumerate(scans):
-        pairs = CellPairs(scan.on, scan.looked)
+        couples = CellCouples(scan.on, scan.looked)
         # A probability of 0 or 1 has no threshold.
         share = np.clip(scan.drop_share.astype(float), 1e-4, 1 - 1e-4)
         missed = ~scan.back - share
-        each = [*pairs.sums(missed), *pairs.sums(missed**2), *pairs.sums(share * (1 - share))]
-        sums.add(pairs, np.stack([*each, *pairs.of(np.stack([missed, *_terms(norm.ppf(share))]))]), k=k)
+        each = [*couples.sums(missed), *couples.sums(missed**2), *couples.sums(share * (1 - share))]
+        sums.add(couples, np.stack([*each, *couples.of(np.stack([missed, *_terms(norm.ppf(share))]))]), k=k)
     return sums.shares(_of_drops)
 
 
@@ -140,8 +140,8 @@ def ranks_of(
     return np.clip(rank, OUTER, 1 - OUTER)
 
 
-class CellPairs:
-    """Pairs of known cells of one frame, by direction, distance and what lies between them (a bin each)."""
+class CellCouples:
+    """Known cells of one frame two by two, by direction, distance and what lies between them (a bin each)."""
 
     def __init__(self, on: Breaks, known: Bool[np.ndarray, "rows columns"]):
         self.on, self.known = on, known
@@ -181,29 +181,31 @@ class ProductSums:
 
     def __init__(self) -> None:
         bins = 2 * len(LAGS) * (len(BENDS_M) + 1)
-        self.pairs = np.zeros(bins)
+        self.couples = np.zeros(bins)
         self.measured = np.zeros(1)
         self.drawn = np.zeros((len(CANDIDATES), bins))
 
-    def add(self, pairs: CellPairs, measured: Float[np.ndarray, "n bins"], *, k: int) -> None:
+    def add(self, couples: CellCouples, measured: Float[np.ndarray, "n bins"], *, k: int) -> None:
         """Adds those of frame k."""
-        self.pairs = self.pairs + pairs.count
+        self.couples = self.couples + couples.count
         self.measured = self.measured + measured
         for draw in range(DRAWS_OF_FIELD):
             # By the frame and the draw: learned twice, a grain is the same.
             keys = jax.random.split(jax.random.fold_in(jax.random.key(k), draw), len(CANDIDATES))
-            fields = [np.asarray(drawn_of(field, pairs.on, key)) for field, key in zip(CANDIDATES, keys, strict=True)]
-            self.drawn = self.drawn + pairs.of(np.stack(fields)) / DRAWS_OF_FIELD
+            fields = [np.asarray(drawn_of(field, couples.on, key)) for field, key in zip(CANDIDATES, keys, strict=True)]
+            self.drawn = self.drawn + couples.of(np.stack(fields)) / DRAWS_OF_FIELD
 
     def shares(self, correlation: Callable[[np.ndarray], np.ndarray]) -> tuple[Field, ...]:
         """The candidates with the shares that explain best how alike cells are."""
-        enough = self.pairs >= FEWEST_PAIRS
+        enough = self.couples >= FEWEST_COUPLES
         if not enough.any():
-            raise ValueError(f"grain: fewer than {FEWEST_PAIRS} pairs of cells of any distance; learn from more frames")
-        # Least squares weigh by the root of the count: a mean of n pairs has a variance of 1 / n.
-        weight = np.sqrt(self.pairs[enough])
-        seen = np.clip(correlation(self.measured[:, enough] / self.pairs[enough]), -1, 1)
-        fields = (self.drawn[:, enough] / self.pairs[enough]).T
+            raise ValueError(
+                f"grain: fewer than {FEWEST_COUPLES} pairs of cells of any distance; learn from more frames"
+            )
+        # Least squares weigh by the root of the count: a mean of n couples has a variance of 1 / n.
+        weight = np.sqrt(self.couples[enough])
+        seen = np.clip(correlation(self.measured[:, enough] / self.couples[enough]), -1, 1)
+        fields = (self.drawn[:, enough] / self.couples[enough]).T
         # A cell is one with itself: the shares sum to 1, a condition of great weight.
         heavy = 1e3 * weight.sum()
         design = np.concatenate([fields * weight[:, None], np.full((1, len(CANDIDATES)), heavy)])

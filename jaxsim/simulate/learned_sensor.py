@@ -22,14 +22,13 @@ from jaxsim.pix2pix import make_generate
 from jaxsim.prepare import check_view, crop_image, input_channels, polar_window
 from jaxsim.runs.kinds import Run
 from jaxsim.runs.run import Checkpoints, load_run
+from jaxsim.simulate.checks import check_field_of_view, check_image
 from jaxsim.simulate.embedded import is_embedded, read_embedded, shapes_of
 from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.live import Live, LiveRays, attach_camera, attach_rays, with_cameras
 from jaxsim.simulate.predict import (
     NetworkWindow,
     camera_intensity,
-    check_field_of_view,
-    check_image,
     simulate_frame,
     simulate_unprojected,
 )

@@ -33,7 +33,8 @@ from jaxsim.geometry.rasters import (
 )
 from jaxsim.prepare import check_view, crop_image, polar_window
 from jaxsim.runs.kinds import Run
-from jaxsim.simulate.predict import Generate, NetworkWindow, check_image, simulate_frame, simulate_painted
+from jaxsim.simulate.checks import check_image
+from jaxsim.simulate.predict import Generate, NetworkWindow, simulate_frame, simulate_painted
 
 OF_CAMERA = ("rgb", "surroundings")
 """Inputs that a camera alone knows."""

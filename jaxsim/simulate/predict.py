@@ -12,31 +12,22 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float
 
 from jaxsim.config import QUANTILES, PrepareConfig
-from jaxsim.frame import Array, Camera, CameraFrame, Painted, Pair, PolarGrid, PolarImage
+from jaxsim.frame import INTENSITY_STEP, LOST_BELOW, Array, CameraFrame, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import network_incidence, resample
 from jaxsim.geometry.points import FAR_M
 from jaxsim.geometry.rasters import check_rasters
 from jaxsim.prepare import network_inputs, paint, paint_raster, shrink
-from jaxsim.runs.kinds import Run
 from jaxsim.simulate.grain import Grain, Ranks, draw_ranks
 
 Generate = Callable[[Any, Array], Array]
 """(parameters, inputs (b, h, w, c)) -> image (b, h, w, 1) in [-1, 1]; or QUANTILES so, and the logit of a drop."""
-STEP = 0.01  # KITTI's sensor reports hundredths, 0.99 at most
 _Cells = Float[Array, "*b rows columns"]
 NetworkWindow = tuple[PolarGrid, Float[Array, " rows"]]
 """A polar grid, and each beam's place in the sensor: 0 top, 1 bottom."""
-ASPECT = 0.02
-SIZE = 0.03
-VIEW = 0.05
-"""By how much, as a share of the run's, the images' aspect ratio, size and field of view may differ. KITTI's own images
-(1224 x 370 .. 1242 x 376) differ by 0.004 in aspect ratio and by 0.015 in size, and have to pass. A field of view
-counts only without projection, where pixels stand for rays; its limit is a convention."""
 
 
 @struct.dataclass
@@ -54,7 +45,7 @@ class Prediction:
     @property
     def reported(self) -> _Cells:
         """Intensity 0..0.99; 0 is a ray that does not come back, and nothing else is."""
-        return jnp.where(self.drops, 0.0, jnp.maximum(self.intensity, STEP))
+        return jnp.where(self.drops, 0.0, jnp.maximum(self.intensity, INTENSITY_STEP))
 
 
 def drawn(says: Prediction, key: Array, ranks: Ranks | None = None) -> _Cells:
@@ -88,37 +79,7 @@ def drawn(says: Prediction, key: Array, ranks: Ranks | None = None) -> _Cells:
         intensity = jnp.where((u >= QUANTILES[k]) | (k == 0), piece, intensity)
     # A ray that comes back reports a step at least, for 0 is what a lost one reports.
     drops = ranks.drop < says.drop_share
-    return jnp.where(drops, 0.0, jnp.maximum(_on_steps(intensity), STEP))
-
-
-def make_batch(
-    prepare: PrepareConfig, *, drop_weight: float = 1.0, unseen_weight: float = 0.0, occluded_weight: float = 0.0
-) -> Callable[[Pair], dict[str, Array]]:
-    """Jitted: batched pairs to what the train step takes, at the network's size.
-
-    The reconstruction term counts the cells that the camera saw and that are not occluded; those that did not
-    come back with `drop_weight`, those that the camera did not see with `unseen_weight`, the occluded ones with
-    `occluded_weight`.
-    """
-
-    @jax.jit
-    def to_batch(pair: Pair) -> dict[str, Array]:
-        # Lost rays are learned as intensity 0; how much they count beside measured ones is a setting.
-        returned = jnp.where(pair.measured.valid, 1.0, drop_weight).astype(jnp.float32)
-        seen = jnp.where(pair.painted.valid, 1.0, unseen_weight).astype(jnp.float32)
-        counts = jnp.where(pair.painted.occluded, jnp.float32(occluded_weight), 1.0) * seen * returned
-        rasters = (pair.target, counts, pair.measured.valid)
-        target, weight, came_back = resample(rasters, prepare.network_size, batch_dims=1)
-        return {
-            "inputs": network_inputs(pair.painted, pair.incidence_rad, pair.row_share, prepare=prepare),
-            "target": 2 * target[..., None] - 1,
-            "weight": weight,
-            "returned": came_back,
-            # A reading that rounds to 0 counts as lost: the network's 0 stands for both.
-            "dropped": ~came_back | (target < STEP / 2),
-        }
-
-    return to_batch
+    return jnp.where(drops, 0.0, jnp.maximum(_on_steps(intensity), INTENSITY_STEP))
 
 
 def predict_cells(
@@ -148,8 +109,8 @@ def predict_cells(
     values = (channels + 1) / 2
     if not distribution:
         intensity = _on_steps(values[0])
-        # Lost rays were learned as intensity 0 (`make_batch`): what rounds to 0 is one.
-        return Prediction(intensity, intensity < STEP / 2)
+        # Lost rays were learned as intensity 0: what rounds to 0 is one.
+        return Prediction(intensity, intensity < LOST_BELOW)
     # Each quantile is learned by itself, and they may cross; in order they are no worse (Chernozhukov et al. 2010).
     quantiles = jnp.clip(jnp.sort(jnp.moveaxis(values[: len(QUANTILES)], 0, -1), axis=-1), 0, 1)
     # The last channel is a logit, not on the scale of intensities.
@@ -158,7 +119,7 @@ def predict_cells(
 
 
 def _on_steps(intensity: _Cells) -> _Cells:
-    return jnp.clip(jnp.round(intensity / STEP), 0, 99) * STEP
+    return jnp.clip(jnp.round(intensity / INTENSITY_STEP), 0, 99) * INTENSITY_STEP
 
 
 def make_predict(generate: Generate, prepare: PrepareConfig) -> Callable[[Any, Pair], Prediction]:
@@ -260,33 +221,3 @@ def simulate_unprojected(
 def _reported(painted: Painted, intensity: _Cells) -> PolarImage:
     """Rays of intensity 0 do not come back; nor do those that a camera sees end beyond what any LiDAR sees."""
     return PolarImage(painted.range_m, intensity, painted.valid & (intensity > 0) & (painted.range_m <= FAR_M))
-
-
-def check_image(size: tuple[int, int], run: Run) -> None:
-    """Raises ValueError where images of `size` (rows, columns) have not the aspect ratio and size of the run's."""
-    (h, w), (rows, columns) = size, run.image_size
-    wanted = f"this run learned from images of {columns} x {rows}"
-    if abs((w / h) / (columns / rows) - 1) > ASPECT:
-        raise ValueError(
-            f"simulate: the images are {w} x {h}, an aspect ratio of {w / h:.2f}; {wanted}, {columns / rows:.2f}: "
-            f"render at {columns} x {rows}, or cut them to it"
-        )
-    if abs(w / columns - 1) > SIZE:
-        what = "too coarse" if w < columns else "too fine"
-        raise ValueError(
-            f"simulate: images of {w} x {h} are {what}; {wanted}, and its crop is measured in pixels: render at that "
-            "size, or scale image, depth and labels (the latter two without interpolation) and the camera to it"
-        )
-
-
-def check_field_of_view(camera: Camera, run: Run) -> None:
-    """Raises ValueError where the run's crop of a camera's image is not as wide as that of the run's own camera:
-    without projection only the same view fits."""
-    half = run.experiment.prepare.image_crop[1] / 2
-    of_run = 2 * np.rad2deg(np.arctan(half / np.asarray(run.camera.intrinsics)[..., 0, 0].max()))
-    its = 2 * np.rad2deg(np.arctan(half / np.asarray(camera.intrinsics)[..., 0, 0].max()))
-    if abs(its / of_run - 1) > VIEW:
-        raise ValueError(
-            f"simulate: the camera sees {its:.1f} degrees, the run's {of_run:.1f}; without projection its pixels would "
-            "not be the run's rays: render with that field of view, or project (--projection lidar)"
-        )

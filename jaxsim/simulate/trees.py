@@ -125,8 +125,7 @@ class Todo(NamedTuple):
     trees: tuple[int, ...]
     """Those that lack it, by their places among the plans."""
     first_s: float
-    """Time of the data set's first frame (s), from which effects that drift count: data sets count from 1970, of which
-    single precision keeps no seconds."""
+    """Time of the data set's first frame (s), from which effects that drift count."""
 
 
 class MadeFrame(NamedTuple):
@@ -146,9 +145,7 @@ class TreeMaker:
 
     def __call__(self, todo: Todo) -> MadeFrame:
         frame = self.dataset[todo.position]
-        if frame.time_s is not None:
-            frame = replace(frame, time_s=frame.time_s - todo.first_s)
-        write = partial(_write_frame, self.dataset, todo.position, frame=frame)
+        write = partial(_write_frame, self.dataset, todo, frame=frame)
         return MadeFrame(todo.position, {tree: write(self.plans[tree]) for tree in todo.trees})
 
 
@@ -251,8 +248,9 @@ def _number(position: int) -> str:
     return f"{position:06d}"
 
 
-def _write_frame(dataset: Dataset, position: int, plan: TreePlan, *, frame: Frame) -> dict[str, Any]:
+def _write_frame(dataset: Dataset, todo: Todo, plan: TreePlan, *, frame: Frame) -> dict[str, Any]:
     """Writes one frame, unless nothing is left of it, and gives its entry in export.json."""
+    position = todo.position
     boxes = _labels(plan.labels, dataset, position, frame=frame)
     boxes = choose_boxes(boxes, within_reach(boxes, plan.labels.reach_m))
     objects = sum(kind != "DontCare" for kind in boxes.kind)
@@ -261,7 +259,9 @@ def _write_frame(dataset: Dataset, position: int, plan: TreePlan, *, frame: Fram
         return entry | {"left_out": f"no object within {plan.labels.reach_m:g} m"}
     # By the frame's number: whoever makes it, and when, draws the same.
     key = jax.random.fold_in(jax.random.key(0), position)
-    cloud = make_cloud(frame, plan.recipe, plan.learned, effects_model=plan.effects_model, key=key)
+    cloud = make_cloud(
+        frame, plan.recipe, plan.learned, effects_model=plan.effects_model, key=key, first_s=todo.first_s
+    )
     points = int(np.asarray(cloud.valid).sum())
     # No reader of KITTI's format takes a cloud without a point (`check_cloud`).
     if not points:

@@ -20,7 +20,7 @@ from jaxsim.data.records import PreparedPairs
 from jaxsim.data.seen import warn_of_seen_pairs
 from jaxsim.data.turned import Turned
 from jaxsim.evaluate.intensity import Predict, score_pairs
-from jaxsim.frame import Pair
+from jaxsim.frame import INTENSITY_STEP, Pair
 from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.pix2pix.unet import cells_alone
@@ -31,7 +31,8 @@ from jaxsim.runs.frames import RunFrames, check_frames
 from jaxsim.runs.run import Checkpoints, describe_run
 from jaxsim.simulate.grain import save_grain
 from jaxsim.simulate.grain_fit import learn_grain
-from jaxsim.simulate.predict import STEP, Prediction, make_batch, make_predict
+from jaxsim.simulate.predict import Prediction, make_predict
+from jaxsim.train.intensity_batch import make_batch
 from jaxsim.train.training import Picture, RunScores, Training, ahead, run_folder
 
 _log = logging.getLogger(__name__)
@@ -205,7 +206,7 @@ def _warn_of_silence(says: Prediction, alone: Prediction, pair: Pair) -> None:
     more, and nothing else tells. `alone` is what it says without them; less than a tenth of the sensor's step shows in
     hardly any reading."""
     change = np.abs(np.asarray(says.intensity) - np.asarray(alone.intensity))[np.asarray(pair.painted.valid)].mean()
-    if change < STEP / 10:
+    if change < INTENSITY_STEP / 10:
         _log.warning(
             f"each cell answers from its own inputs alone (without its surroundings intensities change by {change:.4f} "
             "in the mean): what the network gathered of them went silent in training. Train with a lower --optim.lr, a "

@@ -11,13 +11,13 @@ import jax
 
 from jaxsim.config import Experiment
 from jaxsim.config.ranges import settings_of
-from jaxsim.files import differences, write_text
+from jaxsim.files import differences
 from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.runs.frames import shared_frames
 from jaxsim.runs.kinds import Run, kind_of
 from jaxsim.runs.run import Checkpoints, check_folder, load_run, start_run
-from jaxsim.train.training import licence_head
+from jaxsim.train.training import write_card
 
 
 def join_runs(folders: Sequence[Path], out: Path) -> Run:
@@ -53,7 +53,13 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
     state = _of_members(states, like=state_shapes(joined.experiment, channels))
 
     start_run(out, joined, frames)
-    write_text(out / "card.md", _card(joined, folders, int(state.step)))
+    write_card(
+        out,
+        joined,
+        f"The mean of {len(folders)} networks that were trained apart, {int(state.step)} steps each.",
+        facts=[folder.name for folder in folders],
+        end=[f"Scores beside baselines, and pictures: `jaxsim eval {out.parent / out.name}`"],
+    )
     kept.save(int(state.step), state=state, generator=state.ema)
     return joined
 
@@ -98,14 +104,3 @@ def _of_members(states: Sequence[Any], *, like: Any) -> Any:
 
 def _name(key: Any) -> str:
     return str(getattr(key, "key", getattr(key, "name", "")))
-
-
-def _card(run: Run, folders: Sequence[Path], step: int) -> str:
-    parts = (
-        licence_head(run),
-        f"# {run.experiment.run.name}",
-        f"The mean of {len(folders)} networks that were trained apart, {step} steps each.",
-        "\n".join(f"- {folder.name}" for folder in folders),
-        f"Scores beside baselines, and pictures: `jaxsim eval {run.experiment.run.out / run.experiment.run.name}`",
-    )
-    return "\n\n".join(parts) + "\n"

@@ -24,7 +24,7 @@ from jaxsim.runs.kinds import AnyExperiment, kind_of
 from jaxsim.runs.metrics_log import MetricsLog
 from jaxsim.runs.run import Checkpoints, check_folder, start_run
 from jaxsim.train.experiments import CONFIGS
-from jaxsim.train.training import RunScores, Training, run_folder, write_card
+from jaxsim.train.training import RunScores, Training, run_folder, write_training_card
 
 _log = logging.getLogger(__name__)
 
@@ -97,7 +97,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     # Card: what the run is and what it scored.
     if writes:
         scores = run.last_scores(state, step, scores)
-        write_card(folder, training, description, scores=scores, seconds=time.monotonic() - begun)
+        write_training_card(folder, training, description, scores=scores, seconds=time.monotonic() - begun)
         _log.info(f"{folder}: {step} steps done. {training.hint}")
     devices.wait("the end")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,27 +88,26 @@ def ahead(loader: Any, start: int, stop: int, *, threads: int = 2) -> Iterator[A
         yield from prefetch(pool, loader.__getitem__, range(start, stop), ahead=AHEAD)
 
 
-def licence_head(run: AnyRun) -> str:
-    """The head of a model card as model hubs read it; `other` is that of data of one's own."""
+def write_card(folder: Path, run: AnyRun, sentence: str, *, facts: Sequence[str], end: Sequence[str]) -> None:
+    """Writes card.md: the head that model hubs read (`other` is the licence of data of one's own), the folder's name, a
+    sentence, the facts, a line each, and paragraphs that end it."""
     kind = run.experiment.data.kind
     tags = "\n".join(f"- {tag}" for tag in ("lidar", "jax", kind))
-    return f"---\nlibrary_name: jaxsim\nlicense: {DATASETS[kind].licence}\ntags:\n{tags}\n---"
+    head = f"---\nlibrary_name: jaxsim\nlicense: {DATASETS[kind].licence}\ntags:\n{tags}\n---"
+    parts = (head, f"# {folder.name}", sentence, "\n".join(f"- {fact}" for fact in facts), *end)
+    write_text(folder / "card.md", "\n\n".join(parts) + "\n")
 
 
-def write_card(folder: Path, training: Training, description: str, *, scores: RunScores, seconds: float) -> None:
-    """Writes card.md. `description` is the experiment's docstring, `seconds` the time since the last start."""
+def write_training_card(
+    folder: Path, training: Training, description: str, *, scores: RunScores, seconds: float
+) -> None:
+    """Writes the card of what was trained. `description` is the experiment's docstring, `seconds` the time since the
+    last start."""
     noun = kind_of(training.run).name
     facts = (
         *training.facts,
         f"{training.steps} steps; {seconds / 60:.1f} minutes since the last start",
         f"jaxsim {training.run.version}; all settings are in config.json",
     )
-    parts = (
-        licence_head(training.run),
-        f"# {folder.name}",
-        description.splitlines()[0] if description else f"{noun[0].upper()}{noun[1:]}.",
-        "\n".join(f"- {fact}" for fact in facts),
-        training.scored(scores),
-        training.use,
-    )
-    write_text(folder / "card.md", "\n\n".join(parts) + "\n")
+    sentence = description.splitlines()[0] if description else f"{noun[0].upper()}{noun[1:]}."
+    write_card(folder, training.run, sentence, facts=facts, end=(training.scored(scores), training.use))

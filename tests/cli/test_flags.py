@@ -7,13 +7,13 @@ import tyro
 
 from jaxsim.cli import COMMANDS
 from jaxsim.cli.ablation import Ablation
-from jaxsim.cli.commands import parse
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.effects import Effects
 from jaxsim.cli.eval import Evaluation
 from jaxsim.cli.export import Export
 from jaxsim.cli.flags import SAME, DataSource, in_new_spelling
 from jaxsim.cli.prepare import Prepare
+from jaxsim.cli.running import parse
 from jaxsim.cli.simulate import Simulate
 from jaxsim.config import DataConfig
 from jaxsim.data.synthetic.layout import STATISTICS

@@ -19,8 +19,8 @@ from jaxsim.discover import discover_folders
 from jaxsim.discover.read import read_comparison
 from jaxsim.frame import PolarImage
 from jaxsim.pairs.prepared import prepared
+from jaxsim.simulate.discover_sides import comparable, measured_in
 from jaxsim.simulate.learned_sensor import load
-from jaxsim.simulate.sides import comparable, measured_in
 from tests.report import results
 from tests.untrained import tiny_experiment, untrained_run
 

@@ -14,7 +14,7 @@ from jaxsim.evaluate.baselines import fit_baselines
 from jaxsim.frame import Cloud
 from jaxsim.geometry import scan_on_window
 from jaxsim.prepare import prepare_frame
-from jaxsim.simulate.sides import write_lambert
+from jaxsim.simulate.discover_sides import write_lambert
 
 LABELLED = PrepareConfig(inputs=("depth", "semantic", "row"), depth="ip_basic_fast", columns=64, network_size=(44, 64))
 

@@ -70,9 +70,7 @@ experiment = replace(
 """
 """Of frames that were rendered: they have labels."""
 LOOP = """
-import sys
 from dataclasses import replace
-sys.path.insert(0, ".")
 from jaxsim.config import LoopConfig
 from labelled import experiment as intensity
 from tests.detect.tiny import EXPERIMENT

@@ -147,6 +147,18 @@ def test_effects_act_on_the_rays_of_the_sensors_grid(virtual, sensor):
     np.testing.assert_allclose(first.xyz_m[first.valid], plain.xyz_m[first.valid], atol=1e-3)
 
 
+def test_effects_that_drift_count_from_the_first_frame_or_from_the_frame_itself(virtual, sensor, monkeypatch):
+    frame = replace(VirtualKitti2(virtual.root, scenes=("Scene01",))[0], time_s=1.3e9 + 60)
+    recipe = CloudRecipe(source="simulated", projection="grid")
+    seen = []
+    monkeypatch.setattr(
+        "jaxsim.simulate.clouds.with_effects", lambda model, image, *of, time_s, **how: (seen.append(time_s), image)[1]
+    )
+    for first_s in (1.3e9, None):
+        make_cloud(frame, recipe, sensor, effects_model=SensorModel(), first_s=first_s)
+    assert seen == [60, 0]
+
+
 @pytest.mark.parametrize("lidar", ["kitti", "camera"])
 def test_the_command_writes_a_trained_sensors_clouds(export, step_run, sensor, tree, monkeypatch, lidar):
     monkeypatch.setattr("jaxsim.cli.export.load", lambda folder: sensor)  # compiled already

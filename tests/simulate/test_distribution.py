@@ -10,9 +10,9 @@ import pytest
 
 from jaxsim.config import QUANTILES, PrepareConfig
 from jaxsim.evaluate.intensity import coverage
-from jaxsim.frame import Painted
+from jaxsim.frame import INTENSITY_STEP, Painted
 from jaxsim.simulate.grain import Ranks
-from jaxsim.simulate.predict import STEP, Prediction, drawn, make_batch, predict_cells
+from jaxsim.simulate.predict import Prediction, drawn, predict_cells
 from tests.evaluate.made import SHAPE, street
 
 PREPARE = PrepareConfig(inputs=("rgb",), network_size=SHAPE)
@@ -56,7 +56,7 @@ def test_draws_have_the_quantiles_and_the_drops_that_were_said():
     assert (draw == 0).mean() == pytest.approx(0.25, abs=0.01)
     back = draw[draw > 0]
     np.testing.assert_allclose(np.quantile(back, QUANTILES), quantiles, atol=0.02)
-    np.testing.assert_allclose(back / STEP, np.round(back / STEP), atol=1e-3)
+    np.testing.assert_allclose(back / INTENSITY_STEP, np.round(back / INTENSITY_STEP), atol=1e-3)
 
 
 def test_a_draw_of_given_ranks_has_the_values_at_these_ranks():
@@ -89,7 +89,7 @@ def test_coverage_counts_what_lies_between_the_levels():
     fixed = Prediction(half[..., 2], np.zeros(SHAPE, bool), half, np.full(SHAPE, 0.3, np.float32))
     found = coverage(lambda params, pair: fixed, None, [pair])
     counts = pair.painted.valid & pair.measured.valid
-    within = (np.abs(value - value.mean()) <= 0.2 + STEP / 2)[counts].mean()
+    within = (np.abs(value - value.mean()) <= 0.2 + INTENSITY_STEP / 2)[counts].mean()
     assert found["coverage_90"].value == pytest.approx(within, abs=0.01)
     assert 0 < found["coverage_50"].value < found["coverage_90"].value
     drops = ~pair.measured.valid[pair.painted.valid]
@@ -98,14 +98,3 @@ def test_coverage_counts_what_lies_between_the_levels():
     assert coverage(lambda params, pair: fixed, None, [unseen]) == {}
     plain = SimpleNamespace(quantiles=None, drop_share=None)
     assert coverage(lambda params, pair: plain, None, [pair]) == {}
-
-
-def test_a_batch_says_what_returned_and_what_dropped():
-    pair = street(1)
-    batch = make_batch(PREPARE, occluded_weight=0.5)(jax.tree.map(lambda x: jnp.asarray(x)[None], pair))
-    np.testing.assert_array_equal(batch["returned"][0], pair.measured.valid)
-    np.testing.assert_array_equal(batch["dropped"][0], ~pair.measured.valid)
-    np.testing.assert_array_equal(batch["weight"][0] > 0, pair.painted.valid)
-    occluded = pair.replace(painted=pair.painted.replace(occluded=np.ones(SHAPE, bool)))
-    batch = make_batch(PREPARE, occluded_weight=0.5)(jax.tree.map(lambda x: jnp.asarray(x)[None], occluded))
-    assert float(batch["weight"].max()) == 0.5

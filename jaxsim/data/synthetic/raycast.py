@@ -315,6 +315,6 @@ def enter_crown(
     leaf = smooth_noise3(*(3.1 * c for c in at))
     # Interpolated noise gathers about 1/2: stretch it over (0, 1).
     u = jnp.clip(1.9 * (0.4 * bough + 0.35 * clump + 0.25 * leaf - 0.5) + 0.5, 0.01, 0.98)
-    unit = 1.0 / jnp.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
-    stop = enter - path_m[:, None] * jnp.log(u) * unit
+    per_m = 1.0 / jnp.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    stop = enter - path_m[:, None] * jnp.log(u) * per_m
     return jnp.where((stop < leave) & (enter > 0.0), stop, SKY_M)

@@ -7,12 +7,12 @@ from dataclasses import replace
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import REFERENCE_M, Array, Rays
+from jaxsim.effects.rays import LEAST_M, REFERENCE_M, Array, Rays
 
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Divides the intensity by (r / 10 m) ** exponent; power falls with range already."""
-    fall = jnp.log(jnp.maximum(rays.range_m, 0.1) / REFERENCE_M)
+    fall = jnp.log(jnp.maximum(rays.range_m, LEAST_M) / REFERENCE_M)
     fall = jnp.where(rays.hit, fall, jnp.zeros_like(fall))
     return replace(rays, log_intensity=rays.log_intensity - p["exponent"] * fall)
 

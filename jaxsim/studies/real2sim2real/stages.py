@@ -28,8 +28,8 @@ from jaxsim.report.scenes import TurnedScene
 from jaxsim.report.words import verdict_sentence
 from jaxsim.runs.frames import judges_of, read_frames
 from jaxsim.runs.run import Checkpoints
+from jaxsim.simulate.discover_sides import write_both_sides
 from jaxsim.simulate.learned_sensor import load
-from jaxsim.simulate.sides import write_pairs
 from jaxsim.simulate.trees import LabelRules, TreePlan, choose_frames, export_trees
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.charts import check_text, checked_kinds, write_checks
@@ -67,7 +67,7 @@ def discover_lacking(loop: Loop) -> None:
     data = learned.run.experiment.data
     dataset = open_dataset(data)
     judged = judges_of(read_frames(loop.intensity), dataset, frames="", validation=data.validation)
-    simulated, measured = write_pairs(learned, dataset, judged, out=out, log=_log.info)
+    simulated, measured = write_both_sides(learned, dataset, judged, out=out, log=_log.info)
     result = discover_folders(simulated=simulated, measured=measured, log=_log.info)
     page = write_answer(out, result)
     _log.info(f"{verdict_sentence(result.verdict)} {page}")

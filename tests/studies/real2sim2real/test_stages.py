@@ -23,12 +23,9 @@ from tests.report import results
 from tests.studies.real2sim2real.made import KINDS, tiny_loop
 from tests.untrained import untrained_run
 
-ROOT = Path(__file__).parents[3]
-
-UNTRAINED = f"""
+UNTRAINED = """
 import sys
 from pathlib import Path
-sys.path.insert(0, {str(ROOT)!r})
 import numpy as np
 from jaxsim.train import read_experiment
 from jaxsim.config import DetectorExperiment

@@ -13,15 +13,12 @@ import numpy as np
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import about_frame, frame_names, open_polar_frames, write_frame, write_grid
 from jaxsim.files import check_apart, read_arrays
-from jaxsim.frame import Array, Frame, PolarImage
+from jaxsim.frame import LOST_BELOW, Array, Frame, PolarImage
 from jaxsim.geometry import incidence, scan_on_window
-from jaxsim.metrics.paired import DROP_BELOW
-from jaxsim.simulate.frames import motion_of, rasters, simulate_batch, take
+from jaxsim.simulate.frames import BATCH, motion_of, rasters, simulate_batch, take
 from jaxsim.simulate.learned_sensor import LearnedSensor
 from jaxsim.simulate.predict import NetworkWindow
 
-BATCH = 8
-"""Frames that a comparison simulates together."""
 SOURCE = "jaxsim discover"
 """What frames that are written for a comparison say they are made of."""
 REFLECTANCE = np.float32(0.3)
@@ -46,7 +43,7 @@ def measured_in(window: NetworkWindow, frame: Frame, *, lines: int) -> PolarImag
 def comparable(measured: PolarImage, seen: Array) -> PolarImage:
     """What a run can be compared with: returns on cells that the camera saw. Those whose intensity rounds to 0 count
     as lost, as they do in training: the network's 0 stands for both."""
-    return replace(measured, valid=measured.valid & (measured.intensity >= DROP_BELOW) & np.asarray(seen))
+    return replace(measured, valid=measured.valid & (measured.intensity >= LOST_BELOW) & np.asarray(seen))
 
 
 def refuse_others(folder: Path, names: Sequence[str]) -> None:
@@ -64,7 +61,7 @@ def refuse_others(folder: Path, names: Sequence[str]) -> None:
             )
 
 
-def write_pairs(
+def write_both_sides(
     learned: LearnedSensor,
     dataset: Dataset,
     positions: Sequence[int],
@@ -96,7 +93,7 @@ def write_pairs(
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]), source=SOURCE)
             scan = measured_in(window, frame, lines=lines)
             write_frame(folders[1], frame.name, comparable(scan, under.valid), source=SOURCE)
-            about[frame.name] = about_frame(frame.scene, **motion_of(frame))
+            about[frame.name] = about_frame(frame.scene, **motion_of(frame, 0.0))
         log(f"{len(about)} of {len(positions)} frames simulated")
     # `scan_of` takes what a frame does not say for 0: it is given for all frames, or for none.
     for key in ("time", "speed", "heading"):

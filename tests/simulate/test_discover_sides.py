@@ -6,7 +6,7 @@ import pytest
 
 from jaxsim.data.polar_frames import open_polar_frames, write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
-from jaxsim.simulate.sides import write_lambert
+from jaxsim.simulate.discover_sides import write_lambert
 from tests.discover.made_watch import day
 
 ROWS, COLUMNS = 12, 60
