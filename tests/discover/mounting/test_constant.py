@@ -13,6 +13,7 @@ from jaxsim.discover.find.levels import compare_levels
 from jaxsim.discover.model.evidence import POSE_SD, Measured
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import lattices_of
+from jaxsim.discover.mounting import constant
 from jaxsim.discover.mounting.constant import (
     LIFT_OF_ALL,
     brought_back,

@@ -47,7 +47,7 @@ def test_a_bend_over_nearly_all_rays_is_no_wave_for_a_few_far_off():
 def test_additions_are_tried_where_intensities_follow_the_readout(monkeypatch, strongest, added):
     tried = []
 
-    def rank(problem, laws, *, null, bar):
+    def rank(problem, laws, *, null_fits, bar):
         tried.append((problem, laws[0].name))
         return [candidate("curve", 1)]
 
