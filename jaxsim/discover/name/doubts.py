@@ -15,6 +15,7 @@ from jaxsim.discover.name.each_class import denied_without, outdone_in, shown_be
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED, OtherSides, looks_like_chance
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
+from jaxsim.effects import Law
 
 SCARCE = f"no more than {RULES.scarce_clutter:.1%} of the rays return before what is simulated"
 DENIED = "all other surfaces speak against it, without those of"
@@ -66,7 +67,11 @@ class Doubts:
     def _reasons(self, step: FittedStep, beside: Problem, null: Problem) -> Iterator[str]:
         effect = step.chosen.effect
         asked = self._others(by_chance=looks_like_chance(effect))
-        yield from (sides.why for other in asked if (sides := other()).has(step, null))
+        yield from (
+            sides.why
+            for other in asked
+            if not ((sides := other()).why == EXCHANGED and self._noisier(effect)) and sides.has(step, null)
+        )
         if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
             yield SCARCE
         if effect.name not in FINEST and step.chosen.size < RULES.negligible:
@@ -84,6 +89,11 @@ class Doubts:
         # Of a rare event most scenes say nothing, and an interval over scenes holds never.
         if not step.chosen.sudden and self.may_never_act(step, beside):
             yield RARELY_IF_EVER
+
+    def _noisier(self, effect: Law) -> bool:
+        """Whether neighbouring readings show for certain that the measured side has this noise and the other has not:
+        what both have cannot, for the sides exchanged would show the reverse."""
+        return effect.name == "range_noise" and self.noise_grows()
 
 
 NO_DOUBTS = Doubts()

@@ -73,6 +73,20 @@ def test_noise_that_grows_is_said_where_neighbouring_readings_say_so(grows, why)
 
 
 @pytest.mark.usefixtures("no_class")
+@pytest.mark.parametrize(("grows", "why"), [(True, ""), (False, EXCHANGED)])
+def test_neighbouring_readings_say_which_side_has_the_noise(grows, why):
+    """The sides exchanged would show the reverse of what is certain."""
+    held = Doubts([lambda: showing(why=EXCHANGED, effects=True)], noise_grows=lambda: grows)
+    assert held.against(step(candidate("range_noise", 9, "range")), problem(), null=problem()) == why
+
+
+@pytest.mark.usefixtures("no_class")
+def test_a_control_shows_noise_that_the_simulator_lacks_by_itself():
+    held = Doubts([lambda: showing(why=CONTROL, effects=True)])
+    assert held.against(step(candidate("range_noise", 9, "range")), problem(), null=problem()) == CONTROL
+
+
+@pytest.mark.usefixtures("no_class")
 @pytest.mark.parametrize(("never", "why"), [(True, RARELY_IF_EVER), (False, "")])
 def test_what_may_never_act_is_not_said(never, why):
     glare = step(candidate("blooming", 9, "range"))
