@@ -46,7 +46,7 @@ def answer(null, tmp_path_factory):
     """The verdict.json of what was learned of them."""
     along = Dependence("intensity", "speed", 0.001, 0.1, 100.0)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        [curve] = rank_effects(with_basis(null, "speed"), [CURVES["intensity"]], null=null.null_fits)
+        [curve] = rank_effects(with_basis(null, "speed"), [CURVES["intensity"]], null_fits=null.null_fits)
         form = curve_form(null, along, curve)
         start = ({"height": form.start},)
         learned = learn(form, null, fit(form.law, null, np.ones(9, np.float32), starts=start))
