@@ -196,17 +196,34 @@ def surfaces_of(scan: Scan, index: RayIndex) -> Surfaces:
     block = np.broadcast_to(np.arange(len(instance))[:, None, None], instance.shape)
     # Objects are whole; ground, walls and the like are cut into squares of one class.
     thing = instance > 0
-    key = np.stack([block, thing, np.where(thing, instance, kind), np.where(thing, 0, x), np.where(thing, 0, y)])
-    _, first_ray, of_ray = np.unique(key[:, hit], axis=1, return_index=True, return_inverse=True)
-    in_column = np.stack([of_ray.ravel(), index[2][hit]])
-    _, first_of_strip, strip_of_ray = np.unique(in_column, axis=1, return_index=True, return_inverse=True)
+    key = (block, thing, np.where(thing, instance, kind), np.where(thing, 0, x), np.where(thing, 0, y))
+    first_ray, of_ray = _numbered(*(part[hit] for part in key))
+    first_of_strip, strip_of_ray = _numbered(of_ray, index[2][hit])
     strip = np.zeros(instance.shape, np.int32)
-    strip[hit] = strip_of_ray.ravel() + 1
+    strip[hit] = strip_of_ray + 1
     surface = np.zeros(_room(len(first_of_strip)), np.int32)
-    surface[1 : len(first_of_strip) + 1] = of_ray.ravel()[first_of_strip] + 1
+    surface[1 : len(first_of_strip) + 1] = of_ray[first_of_strip] + 1
     precision = np.full(_room(len(first_ray)), FIRM, np.float32)
     precision[1 : len(first_ray) + 1] = 1 / np.where(thing[hit][first_ray], OBJECT_SD, PATCH_SD) ** 2
     return Surfaces(strip, surface, precision)
+
+
+def _numbered(
+    *keys: Int[np.ndarray, " n"] | Bool[np.ndarray, " n"],
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " n"]]:
+    """Numbers of what has the same keys, in the order of the first key, then of the second ...: where each number comes
+    first, and the number of each."""
+    joined, count = np.zeros(len(keys[0]), np.int64), 1
+    for key in keys:
+        # Sorting whole numbers is far faster than sorting rows of keys. Ids may be any: they are made small first.
+        _, small = np.unique(key, return_inverse=True)
+        most = int(small.max(initial=0)) + 1
+        if count * most > np.iinfo(np.int64).max:
+            _, joined = np.unique(joined, return_inverse=True)
+            count = int(joined.max(initial=0)) + 1
+        joined, count = joined * most + small, count * most
+    _, first, number = np.unique(joined, return_index=True, return_inverse=True)
+    return first, number
 
 
 def _cell(position_m: Float[np.ndarray, "b c r"], hit: Bool[np.ndarray, "b c r"]) -> Int[np.ndarray, "b c r"]:

@@ -9,6 +9,7 @@ from jaxsim.discover.model.cast import (
     OBJECT_SD,
     PATCH_M,
     PATCH_SD,
+    _numbered,
     bends,
     cast,
     edges,
@@ -77,6 +78,19 @@ def test_surfaces_are_objects_and_squares_of_one_class_and_strips_their_columns(
         assert got.precision[surface] == pytest.approx(1 / sd**2, rel=1e-5)
     assert len(set(numbers.values())) == len(numbers)
     assert len(set(strips.values())) == len(strips)
+
+
+@pytest.mark.parametrize("values", [5, 20_000])
+def test_what_has_the_same_keys_is_numbered_as_rows_are_whatever_the_ids(values):
+    """Of 20 000 values a key the numbers of all combinations do not fit into 64 bits."""
+    ids = np.random.default_rng(0).integers(-(2**40), 2**40, values)
+    keys = [np.random.default_rng(k).choice(ids, 30_000) for k in range(6)]
+    # Some come twice.
+    keys = [np.concatenate([key, key[:5000]]) for key in keys]
+    _, first, number = np.unique(np.stack(keys), axis=1, return_index=True, return_inverse=True)
+    ours = _numbered(*keys)
+    np.testing.assert_array_equal(ours[0], first)
+    np.testing.assert_array_equal(ours[1], number.ravel())
 
 
 def test_a_plane_does_not_bend_and_a_step_does():
