@@ -210,12 +210,6 @@ def test_from_a_raw_log_to_a_verdict_by_two_commands(here, samples, standard_pro
     assert {effect["name"] for effect in verdict["effects"]} == MAKERS[maker]
 
 
-def test_the_page_has_the_commands_of_both_makers_in_one_block():
-    block = next(body for language, body in CODE.findall(PAGE.read_text()) if "--lambert" in body)
-    shown = [" ".join(line.split("#")[0].split()) for line in block.splitlines()]
-    assert shown == [command for title, command in COMMANDS if title == "Two makers"]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["onnx", "stablehlo"])
 def test_the_travelling_network_becomes_a_file(here, capsys, form):

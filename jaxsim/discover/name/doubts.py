@@ -67,11 +67,12 @@ class Doubts:
     def _reasons(self, step: FittedStep, beside: Problem, null: Problem) -> Iterator[str]:
         effect = step.chosen.effect
         asked = self._others(by_chance=looks_like_chance(effect))
-        yield from (
-            sides.why
-            for other in asked
-            if not ((sides := other()).why == EXCHANGED and self._noisier(effect)) and sides.has(step, null)
-        )
+        for other in asked:
+            sides = other()
+            # What neighbouring readings say for certain the sides exchanged cannot undo.
+            certain = sides.why == EXCHANGED and self._noisier(effect)
+            if not certain and sides.has(step, null):
+                yield sides.why
         if effect.clutter and clutter_of(null, step) <= RULES.scarce_clutter:
             yield SCARCE
         if effect.name not in FINEST and step.chosen.size < RULES.negligible:
