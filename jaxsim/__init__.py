@@ -21,10 +21,10 @@ report      pictures, tables, pages
 studies     the paper's: which inputs count, is simulated intensity worth training on
 
 All stand on config (settings), frame.py (what travels), geometry (rays, cameras, rasters) and files. `cloud` has clouds
-and their formats, portable.py the network for other programs. Commands are files of cli, effects files of
-effects/catalogue, data sets rows of data, settings fields of config. The likelihood is stated in discover/model, all
-thresholds of a decision in discover/rules. CONTRIBUTING.md says in five lines each where these are, and how to add
-one.
+and their formats, `export` the trees of them that detectors train on, portable.py the network for other programs.
+Commands are files of cli, effects files of effects/catalogue, data sets rows of data, settings fields of config. The
+likelihood is stated in discover/model, all thresholds of a decision in discover/rules. CONTRIBUTING.md says in five
+lines each where these are, and how to add one.
 """
 
 from __future__ import annotations

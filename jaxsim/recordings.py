@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxsim.cloud.export import save_cloud, table_of
+from jaxsim.cloud.formats import save_cloud, table_of
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.files import check_apart, file_of, need, replacing
 from jaxsim.frame import Cloud

@@ -15,7 +15,7 @@ import pytest
 import jaxsim.config.ranges
 import jaxsim.data
 from jaxsim.cli import COMMANDS, main
-from jaxsim.cli.commands import Command
+from jaxsim.cli.command import Command
 from jaxsim.config import DataConfig
 from jaxsim.data import DATASETS, Dataset, open_dataset
 from jaxsim.effects import EFFECTS, all_rays

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from jaxsim.cloud.export import table_of
+from jaxsim.cloud.formats import table_of
 from jaxsim.data.clouds import read_cloud
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.recordings import Stamped, export_frames, write_mcap, write_rrd
-from tests.cloud.made_export import lined
+from tests.cloud.made_clouds import lined
 from tests.discover.made_gate import sides
 
 

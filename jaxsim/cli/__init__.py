@@ -1,9 +1,10 @@
 """`jaxsim COMMAND`: the commands of the console script.
 
 A command is a row of COMMANDS (or of MODES) and a module of this package. Only the module of the command that is asked
-for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `commands` (the
-rows), `running` (how one becomes a running command), `console` (what all tell), `flags` (what several share),
-`elsewhere` (a command on a cluster), `endings` (how failures are told), and of discover `sides` and `gates`.
+for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `command` and
+`commands` (the rows), `running` (how one becomes a running command), `console` (what all tell), `flags` (what several
+share), `spellings` (flags of earlier versions), `elsewhere` (a command on a cluster), `endings` (how failures are
+told), and of discover `sides`, `naming` and `gates`.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ import gc
 import sys
 from importlib.metadata import version
 
-from jaxsim.cli.commands import COMMANDS, MODES, overview
+from jaxsim.cli.commands import COMMANDS, MODES
 from jaxsim.cli.console import tell_on_console, without_quiet
 from jaxsim.cli.endings import stop_on_error
-from jaxsim.cli.running import call, check_mode, find_command
+from jaxsim.cli.running import call, check_mode, find_command, overview
 
 __all__ = ["COMMANDS", "MODES", "main", "stop_on_error"]
 

@@ -1,27 +1,6 @@
 """Every command: its file, what it is for, and an example."""
 
-from __future__ import annotations
-
-import importlib
-from typing import Any, NamedTuple
-
-
-class Command(NamedTuple):
-    """A row of a command table."""
-
-    home: str
-    """`module:name` in jaxsim.cli: a dataclass of flags whose value is called, or a function of the words that
-    follow."""
-    summary: str
-    """One line of `jaxsim --help`."""
-    example: str
-    """The command line with which the command's own `--help` begins."""
-
-    def load(self) -> Any:
-        """What `home` names; its module is imported here and not before."""
-        module, _, name = self.home.partition(":")
-        return getattr(importlib.import_module(f"jaxsim.cli.{module}"), name)
-
+from jaxsim.cli.command import Command
 
 COMMANDS = {
     "frames": Command(
@@ -116,17 +95,3 @@ MODES = {
     ),
 }
 """Commands of two words; any other second word is an effect's name, or a run's folder."""
-
-
-def overview() -> str:
-    """The text of `jaxsim --help`: a line a command."""
-    width = max(map(len, COMMANDS)) + 2
-    lines = "\n".join(f"  {name:<{width}}{command.summary}" for name, command in COMMANDS.items())
-    return f"""usage: jaxsim COMMAND [--flags]
-
-Learn an automotive LiDAR from drives, simulate it, find what the simulation lacks.
-
-{lines}
-
-jaxsim COMMAND --help begins with an example; jaxsim --version tells the version. --quiet, with any command, leaves out
-what tells how far it is."""

@@ -42,8 +42,7 @@ _REMEDIES = {
 @contextmanager
 def stop_on_error(status: int = 1) -> Iterator[None]:
     """Ends the program with one line where a user can mend the cause (and this `status`), where it was interrupted, and
-    quietly where nobody reads on. JAXSIM_TRACEBACK=1 shows where it came from.
-    """
+    quietly where nobody reads on. JAXSIM_TRACEBACK=1 shows where it came from."""
     try:
         with terminable():
             yield
@@ -62,11 +61,9 @@ def stop_on_error(status: int = 1) -> Iterator[None]:
         told = words_of(error)
         if told is None or os.environ.get("JAXSIM_TRACEBACK"):
             raise
-        line = f"error: {told}"
-        if status == 1:
-            sys.exit(line)
-        print(line, file=sys.stderr)
-        sys.exit(status)
+        if status != 1:
+            print(f"error: {told}", file=sys.stderr)
+        sys.exit(f"error: {told}" if status == 1 else status)
 
 
 def words_of(error: BaseException) -> str | None:
@@ -95,9 +92,8 @@ def words_of(error: BaseException) -> str | None:
 
 def _has_no_device(error: BaseException) -> bool:
     """Whether JAX found nothing to compute on; of a platform whose plugin is missing it asserts so, without a word."""
-    if isinstance(error, AssertionError):
-        return not str(error) and bool(os.environ.get("JAX_PLATFORMS"))
-    return isinstance(error, RuntimeError) and "Unable to initialize backend" in str(error)
+    unsaid = isinstance(error, AssertionError) and not str(error) and bool(os.environ.get("JAX_PLATFORMS"))
+    return unsaid or (isinstance(error, RuntimeError) and "Unable to initialize backend" in str(error))
 
 
 def _first(error: BaseException) -> str:

@@ -74,15 +74,8 @@ class Evaluation(Checked):
         of_run = learned.run.experiment.data
         data, validation = self.data.config(of_run), self.data.validation(of_run)
         extractor = open_extractor(self.fid, self.fid_features) if self.fid else None
-        judged = score_learned_sensor(
-            learned,
-            data,
-            frames=self.frames,
-            validation=validation,
-            recorded=read_frames(self.run),
-            trees=self.trees,
-            extractor=extractor,
-        )
+        asked = {"frames": self.frames, "validation": validation, "recorded": read_frames(self.run)}
+        judged = score_learned_sensor(learned, data, **asked, trees=self.trees, extractor=extractor)
 
         names = judged.pairs.names
         over_scenes = {"intervals": judged.intervals, "differences": judged.differences, "scenes": judged.scenes}

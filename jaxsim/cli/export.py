@@ -13,8 +13,9 @@ from jaxsim.config.ranges import Count, Positive, Share
 from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
+from jaxsim.export.plan import LabelRules, Occlusion, TreePlan, choose_frames
+from jaxsim.export.trees import TreeMaker, export_trees
 from jaxsim.simulate.learned_sensor import LearnedSensor, load
-from jaxsim.simulate.trees import LabelRules, Occlusion, TreeMaker, TreePlan, choose_frames, export_trees
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,9 @@
-"""A gate that `jaxsim discover` asks, or writes: what it says, how the command then ends, and the files that tell CI:
-junit.xml, which CI systems show, and gate.md for a summary."""
+"""A gate that `jaxsim discover` asks, or writes: what it says, and how the command then ends."""
 
 from __future__ import annotations
 
 import time
-import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +20,10 @@ from jaxsim.discover.gate import (
 )
 from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.files import write_text
-from jaxsim.report.results import markdown_table
+from jaxsim.report.gates import TITLES, junit, markdown
 
 EXIT: dict[Colour, int] = {"pass": 0, "gap": 1, "unsure": 2}
 """How the command ends where it asks a gate."""
-TITLES: dict[Colour, str] = {
-    "pass": "The simulation passes",
-    "gap": "The simulation lacks something",
-    "unsure": "This cannot be judged for certain",
-}
-WORDS: dict[Colour, str] = {"pass": "pass", "gap": "**gap**", "unsure": "could not judge"}
-"""Of each colour, in the table of checks."""
 NOT_FAST = ("effects", "effects_from", "control", "nulls", "every_frame")
 """Flags of naming, which --fast leaves out."""
 Compared = Verdict | Mapping[str, Interval]
@@ -80,30 +71,3 @@ def make_gate(path: Path, out: Path, shown: Compared) -> None:
         checks = tuple(Check(name, "pass", told) for name, told in words)
         write_text(out / "gate.md", markdown(checks, title="What the gate was written from"))
     print(f"{path}: {' '.join(path.read_text().split())}")
-
-
-def junit(checks: Sequence[Check], *, seconds: float) -> str:
-    """A test suite with a case a check: a gap is a failure, what could not be judged an error."""
-    counts = {colour: sum(check.colour == colour for check in checks) for colour in WORDS}
-    suite = ET.Element(
-        "testsuite",
-        name="jaxsim discover",
-        tests=str(len(checks)),
-        failures=str(counts["gap"]),
-        errors=str(counts["unsure"]),
-        time=f"{seconds:.1f}",
-    )
-    for check in checks:
-        case = ET.SubElement(suite, "testcase", classname="jaxsim.discover", name=check.name)
-        if check.colour == "pass":
-            ET.SubElement(case, "system-out").text = check.words
-        else:
-            kind = "failure" if check.colour == "gap" else "error"
-            ET.SubElement(case, kind, message=check.words).text = check.words
-    return ET.tostring(suite, encoding="unicode", xml_declaration=True)
-
-
-def markdown(checks: Sequence[Check], *, title: str) -> str:
-    """A table of the checks."""
-    rows = [(check.name, WORDS[check.colour], check.words) for check in checks]
-    return f"## {title}\n\n{markdown_table(('check', '', ''), rows)}\n"

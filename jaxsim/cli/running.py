@@ -9,9 +9,24 @@ from inspect import getdoc
 from pathlib import Path
 from typing import Any
 
-from jaxsim.cli.commands import COMMANDS, MODES, Command
+from jaxsim.cli.command import Command
+from jaxsim.cli.commands import COMMANDS, MODES
 from jaxsim.cli.endings import stop_on_error
 from jaxsim.compilation import enable_compilation_cache
+
+
+def overview() -> str:
+    """The text of `jaxsim --help`: a line a command."""
+    width = max(map(len, COMMANDS)) + 2
+    lines = "\n".join(f"  {name:<{width}}{command.summary}" for name, command in COMMANDS.items())
+    return f"""usage: jaxsim COMMAND [--flags]
+
+Learn an automotive LiDAR from drives, simulate it, find what the simulation lacks.
+
+{lines}
+
+jaxsim COMMAND --help begins with an example; jaxsim --version tells the version. --quiet, with any command, leaves out
+what tells how far it is."""
 
 
 def find_command(name: str) -> Command:
@@ -53,7 +68,7 @@ def parse(flags: Any, words: Sequence[str], *, name: str, example: str) -> Any:
     """A dataclass of flags from words; `--help` prints the example, then what the dataclass says of itself."""
     import tyro  # waits until a command is known, so that `jaxsim --help` answers at once
 
-    from jaxsim.cli.flags import in_new_spelling
+    from jaxsim.cli.spellings import in_new_spelling
 
     description = f"    {example}\n\n{getdoc(flags) or ''}"
     return tyro.cli(flags, args=in_new_spelling(words, flags), prog=name, description=description)

@@ -1,13 +1,11 @@
-"""The two sides that `jaxsim discover` compares: two folders, those made of a run, or one and Lambert's law; and which
-flags do not go with sides that show different streets (--unpaired)."""
+"""The two sides that `jaxsim discover` compares: two folders, those made of a run, or one and Lambert's law."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
@@ -15,18 +13,6 @@ from jaxsim.cli.flags import SAME, DataSource, IntoFolder
 from jaxsim.files import check_apart
 
 _log = logging.getLogger(__name__).info
-NOT_UNPAIRED = {
-    "run": "but a run's frames are simulated on the measured streets; give --measured and --simulated instead of it",
-    "lambert": "which has the measured streets; leave it out",
-    "fast": "which compares frames of one name; leave it out and ask the whole answer",
-    "every_frame": "which judges what was named frame by frame; leave it out",
-    "nulls": "which exchanges scenes between the sides to see what chance does; leave one of them out",
-    "control": "which holds frames ray by ray; leave it out",
-    "effects_from": "which tells effects of the catalogue alone; leave it out",
-    "effects": "which compares the frames as they are; leave it out, or simulate the frames with them "
-    "(`jaxsim simulate --effects`)",
-}
-"""Flags that do not go with --unpaired, and why."""
 
 
 @dataclass(frozen=True)
@@ -93,11 +79,3 @@ def _folder(flag: str, folder: Path | None) -> Path:
             "(jaxsim discover --help); `jaxsim frames` makes one of a log"
         )
     return folder
-
-
-def check_unpaired(flags: Mapping[str, Any]) -> None:
-    """Raises ValueError for the first flag of NOT_UNPAIRED that came with --unpaired."""
-    for flag, why in NOT_UNPAIRED.items():
-        if flags["unpaired"] and flags[flag]:
-            name = "a run" if flag == "run" else f"--{flag.replace('_', '-')}"
-            raise ValueError(f"discover: {name} came with --unpaired, {why}")

@@ -1,10 +1,10 @@
 """Point clouds: from depth maps, thinned to laser lines, and out to files that other tools open.
 
 pseudo_lidar, sparsify         depth maps to points; dense clouds to laser lines
-export, kitti_tree             files of clouds, trees of the KITTI benchmark
+formats, kitti_tree            files of clouds, trees of the KITTI benchmark
 """
 
-from jaxsim.cloud.export import FORMATS, points_of, save_cloud
+from jaxsim.cloud.formats import FORMATS, points_of, save_cloud
 from jaxsim.cloud.pseudo_lidar import depth_to_cloud, place_intensity
 from jaxsim.cloud.sparsify import PATTERNS, EvenLines, crop_cloud, sparsify
 

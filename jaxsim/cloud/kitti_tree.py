@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from jaxsim.cloud.export import points_of, save_cloud
+from jaxsim.cloud.formats import points_of, save_cloud
 from jaxsim.files import claim, files_in, parse_json, why_anew, write_image, write_text
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud
 from jaxsim.geometry.points import check_points

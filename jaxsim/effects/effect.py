@@ -71,6 +71,10 @@ class Law:
     of_recording: bool = False
     """Whether it has one number for all rays of a recording (a step, a top), which is read off them: it acts in no part
     alone."""
+    of_mounting: bool = False
+    """Whether it puts the whole sensor to another place, alike in all frames."""
+    around_bright: bool = False
+    """Whether it acts around what the simulator has bright."""
     needs: Literal["", "time", "speed", "heading"] = ""
     """What frames must say of themselves for it to act."""
     starts: tuple[dict[str, Any], ...] = ()

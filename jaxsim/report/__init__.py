@@ -7,5 +7,6 @@ scenes                               clouds that a page turns in 3D, and pages o
 clouds                               simulated clouds beside measured ones, and those with what a detector found
 detection                            KITTI's scores of a detector
 discovery, named, evidence, accounts, regimes, words   the report of a discovery
+gates                                what CI reads of a gate
 notebook                             what notebooks show of results, frames and clouds
 """

@@ -10,7 +10,6 @@ frames         simulated frames on the host, and effects on them
 discover_sides what `discover` compares: simulated frames beside measured ones of one drive, or, until there is a
                simulator, Lambert's law beside what was measured
 folder         a data set's frames as polar frames and clouds: `simulate_folder` (`jaxsim simulate`)
-clouds, trees  the clouds that detectors learn from, and KITTI trees of them: `export_trees` (`jaxsim export`)
 embedded       the sensor that travels with the package
 """
 

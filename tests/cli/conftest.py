@@ -1,4 +1,4 @@
 """Fixtures of commands."""
 
 from tests.engines.made import answer  # noqa: F401
-from tests.simulate.made_trees import six  # noqa: F401
+from tests.export.made_trees import six  # noqa: F401

@@ -9,7 +9,7 @@ from jaxsim.cli.export import Export
 from jaxsim.cli.flags import DataSource
 from jaxsim.config import CloudRecipe
 from jaxsim.effects.chain import SensorModel
-from tests.simulate.made_trees import Six
+from tests.export.made_trees import Six
 
 
 def test_effects_need_rays(tmp_path, six):

@@ -2,25 +2,18 @@
 
 import errno
 import json
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
 
 from jaxsim.cli import main
 from jaxsim.cli.discover import Discover
-from jaxsim.cli.gates import ask_gate, check_flags, junit, make_gate, markdown
-from jaxsim.discover.gate import Check, save_gate
+from jaxsim.cli.gates import ask_gate, check_flags, make_gate
+from jaxsim.discover.gate import save_gate
 from jaxsim.discover.verdict import Interval
 from tests.report import results
 
 DISTANCES = {"intensity": Interval(0.10, 0.09, 0.11, "share of full scale")}
-CHECKS = (
-    Check("intensity", "pass", "0.01 of 0.10"),
-    Check("range", "gap", "0.3 m of 0.05 m"),
-    Check("drop", "gap", "0.2 of 0.1"),
-    Check("comparison", "unsure", "a & b share <no> frame"),
-)
 
 
 @pytest.mark.parametrize(
@@ -89,18 +82,3 @@ def test_what_was_made_of_distances_says_what_they_were(tmp_path):
     make_gate(tmp_path / "gate.json", tmp_path, DISTANCES)
     assert "0.1 (0.09 .. 0.11) share of full scale" in (tmp_path / "gate.md").read_text()
     assert ask_gate(tmp_path / "gate.json", tmp_path, lambda: DISTANCES) == 0
-
-
-def test_junit_counts_failures_and_errors():
-    suite = ET.fromstring(junit(CHECKS, seconds=3.14))
-    assert int(suite.get("tests")) == len(suite) == len(CHECKS)
-    assert int(suite.get("failures")) == len(suite.findall("testcase/failure")) == 2
-    assert int(suite.get("errors")) == len(suite.findall("testcase/error")) == 1
-    assert suite.find("testcase/error").text == CHECKS[3].words
-
-
-def test_the_table_has_a_line_a_check():
-    lines = markdown(CHECKS, title="It lacks something").splitlines()
-    assert lines[0] == "## It lacks something"
-    assert [check.name for check in CHECKS] == [line.split(" | ")[0].removeprefix("| ") for line in lines[4:]]
-    assert "**gap**" in lines[5]

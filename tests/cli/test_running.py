@@ -3,7 +3,7 @@
 import pytest
 
 from jaxsim.cli import COMMANDS, main
-from jaxsim.cli.commands import Command
+from jaxsim.cli.command import Command
 from jaxsim.cli.running import call, check_mode
 
 

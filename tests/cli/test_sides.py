@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from jaxsim.cli import discover, stop_on_error
-from jaxsim.cli.discover import Discover
 from jaxsim.cli.flags import DataSource
-from jaxsim.cli.sides import NOT_UNPAIRED, Sides, check_unpaired
+from jaxsim.cli.sides import Sides
 from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame
 from jaxsim.discover import discover_folders
@@ -28,7 +27,6 @@ pytestmark = pytest.mark.long
 
 FRAMES = "0,4,8"
 """Of three streets."""
-PLAIN = vars(Discover(out=Path("out"), unpaired=True))
 
 
 @pytest.fixture(scope="module")
@@ -192,13 +190,3 @@ def test_another_gain_for_every_beam_is_found_beside_a_run(tmp_path: Path):
     assert [effect.name for effect in result.verdict.effects] == ["beam_gain"]
     found = np.asarray(dict(result.sensor.effects)["beam_gain"]["gain"])
     assert np.corrcoef(found, gain)[0, 1] > 0.9
-
-
-def test_every_flag_that_asks_of_the_same_streets_is_refused_by_its_name():
-    check_unpaired(PLAIN)
-    check_unpaired({**dict.fromkeys(NOT_UNPAIRED, 1), "unpaired": False})
-    assert {*NOT_UNPAIRED} <= {*PLAIN}
-    for flag in NOT_UNPAIRED:
-        name = "a run" if flag == "run" else f"--{flag.replace('_', '-')}"
-        with pytest.raises(ValueError, match=f"discover: {name} came with --unpaired"):
-            check_unpaired(PLAIN | {flag: 1})

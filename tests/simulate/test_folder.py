@@ -21,7 +21,7 @@ from jaxsim.simulate.folder import (
     pictures_of,
     simulate_folder,
 )
-from tests.simulate.made_trees import Six
+from tests.export.made_trees import Six
 
 MADE = {"fingerprint": "4f2a", "data": "synthetic", "seed": 0, "source": DataConfig().of_frames}
 

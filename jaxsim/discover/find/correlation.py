@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import of_bright
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import p_value, rank_correlation
 from jaxsim.effects import Effect
@@ -60,4 +59,4 @@ def unrelated(by_scene: Float[np.ndarray, " s"]) -> str | None:
 def of_ranges(effect: Effect) -> bool:
     """Whether an effect can be told without intensities: it changes others, and of no surfaces that the simulator has
     bright."""
-    return not of_bright(effect) and ("intensity" not in effect.channels or "range" in effect.channels)
+    return not effect.around_bright and ("intensity" not in effect.channels or "range" in effect.channels)

@@ -106,21 +106,11 @@ def rays_for(effect: Law, ev: Evidence, *, simulated: bool = False) -> Rays:
     more than the effect's law is wide. One that moves the whole sensor slides rays along their planes, as a frame's own
     pose does: what else they would meet hangs on that pose, too, and edges cast again by the one without the other
     speak against both."""
-    if of_place(effect):
+    if effect.of_mounting:
         return replace(ev.rays, origin_slope=ev.pose[..., :3])
     if simulated or not by_reported(effect):
         return ev.rays
     return replace(ev.rays, log_intensity=jnp.where(ev.returned, ev.log_intensity, ev.rays.log_intensity))
-
-
-def of_bright(effect: Law) -> bool:
-    """Whether an effect acts around what the simulator has bright."""
-    return effect.name == "blooming"
-
-
-def of_place(effect: Law) -> bool:
-    """Whether an effect moves the whole sensor to another place, alike in all frames."""
-    return effect.plain_name == "extrinsic_translation"
 
 
 def by_reported(effect: Law) -> bool:

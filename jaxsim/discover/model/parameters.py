@@ -87,12 +87,15 @@ def ravel(tree: Any) -> Float[np.ndarray, " n"]:
     return np.concatenate(leaves).astype(np.float64) if leaves else np.zeros(0)
 
 
-def restorer(tree: Any) -> Callable[[Float[np.ndarray, " n"]], Any]:
-    """The inverse of `ravel`: what makes of a vector a tree of arrays of the shapes in `tree`."""
+def restorer(tree: Any, dtype: type = np.float32) -> Callable[[Float[np.ndarray, " n"]], Any]:
+    """The inverse of `ravel`: what makes of a vector a tree of arrays of the shapes in `tree`.
+
+    By default they are float32, which the compiled likelihood takes, where SciPy climbs in float64.
+    """
     leaves, form = jax.tree.flatten(tree)
     shapes = [np.shape(leaf) for leaf in leaves]
     ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
-    return partial(_restored, form=form, shapes=shapes, ends=ends)
+    return partial(_restored, form=form, shapes=shapes, ends=ends, dtype=dtype)
 
 
 def _restored(
@@ -101,7 +104,7 @@ def _restored(
     form: Any,
     shapes: list[tuple[int, ...]],
     ends: Int[np.ndarray, " m"],
+    dtype: type,
 ) -> Any:
-    # SciPy climbs in float64, the compiled likelihood takes float32.
-    x = np.asarray(x, np.float32)
+    x = np.asarray(x, dtype)
     return form.unflatten([x[ends[k] : ends[k + 1]].reshape(shape) for k, shape in enumerate(shapes)])

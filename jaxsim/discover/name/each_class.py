@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.evidence import Evidence, near_enough
-from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, of_bright, on_top, score_at, score_columns
+from jaxsim.discover.model.fit import NOTHING, Problem, fit, fit_noise, on_top, score_at, score_columns
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null_model import reweighted
 from jaxsim.discover.model.parameters import host_values
@@ -152,7 +152,7 @@ def shown_by(step: FittedStep, problem: Problem, classes: Sequence[int]) -> str:
 def shown_below(step: FittedStep, problem: Problem) -> bool:
     """Whether none but the rays straight below very bright targets show glare that was fitted to a problem. A sign's
     post stands there, which single rays of one side meet and those of the other pass; glare has no side."""
-    if not of_bright(step.chosen.effect):
+    if not step.chosen.effect.around_bright:
         return False
     out = straight_below(problem.ev)
     return bool(clipped(gained(step, replace(problem, ev=leaving_out(problem.ev, out)))).sum() <= RULES.bar_nats)

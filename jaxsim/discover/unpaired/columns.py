@@ -129,12 +129,12 @@ def derivatives(
     rows: int,
     names: list[str] | None = None,
 ) -> Columns:
-    """Derivatives in the named parameters (all that are fitted) at `values`, per scale of each; one column a beam
-    for those of beams, held to neutral by their prior."""
+    """Derivatives in the named parameters (all that are fitted) at `values`, per scale of each, in the order of
+    `model.parameters.ravel`; one column a beam for those of beams, held to neutral by their prior."""
     parts = [np.zeros((len(row), 0), np.float32)]
     precision = [np.zeros(0)]
     unchanged = change(values)
-    for name, p in fitted_parameters(effect).items():
+    for name, p in sorted(fitted_parameters(effect).items()):
         if names is not None and name not in names:
             continue
         now = np.asarray(values.get(name, p.neutral), float)

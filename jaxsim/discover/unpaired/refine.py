@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.add import interval_of
-from jaxsim.discover.model.parameters import fitted_parameters, to_values, to_z
+from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.discover.unpaired.columns import Columns, change_of, derivatives
@@ -72,7 +72,7 @@ class LinearEffects:
 
 class JointFit:
     """All effects together, with law and nuisances fitted beside them. Its vector z has every fitted parameter, in the
-    order of the effects' columns."""
+    order of `ravel`, which is that of the effects' columns."""
 
     def __init__(self, problem: Conditional, chosen: Sequence[Columns]):
         self.problem = problem
@@ -86,24 +86,20 @@ class JointFit:
     @property
     def z(self) -> Float[np.ndarray, " k"]:
         """Where the values are."""
-        parts = [
-            z.ravel()
-            for effect, values in zip(self.effects, self.values, strict=True)
-            for z in to_z(effect, values, self.rows, dtype=np.float64).values()
-        ]
-        return np.concatenate(parts)
+        return ravel(self._in_z())
+
+    def _in_z(self) -> list[dict[str, np.ndarray]]:
+        """The values of every effect as its z."""
+        both = zip(self.effects, self.values, strict=True)
+        return [to_z(effect, values, self.rows, dtype=np.float64) for effect, values in both]
 
     def values_at(self, z: Float[np.ndarray, " k"]) -> list[dict[str, Any]]:
         """The values there, within their bounds."""
         result = []
-        for effect in self.effects:
-            parameters = fitted_parameters(effect)
-            sizes = [int(np.prod(p.dims(self.rows))) for p in parameters.values()]
-            # What is left of z belongs to the effects that follow.
-            *parts, z = np.split(z, np.cumsum(sizes))
-            of_z = {n: part.reshape(p.dims(self.rows)) for (n, p), part in zip(parameters.items(), parts, strict=True)}
+        for effect, of_z in zip(self.effects, restorer(self._in_z(), np.float64)(z), strict=True):
             values = to_values(effect, of_z)
-            result.append({name: np.clip(values[name], p.low, p.high) for name, p in parameters.items()})
+            within = {name: np.clip(values[name], p.low, p.high) for name, p in fitted_parameters(effect).items()}
+            result.append(within)
         return result
 
     def change(self) -> Float[np.ndarray, " n"]:

@@ -43,5 +43,6 @@ EFFECT = Effect(
     source="Gump et al., Ghosts in the Point Clouds: De-glaring LiDAR in the Transient Domain, arXiv 2605.24753, "
     "2026; Dudzik et al., Physically-Based Simulation of Automotive LiDAR, arXiv 2512.05932, 2025",
     apply=apply,
+    around_bright=True,
     starts=({"probability": 0.3}, {"probability": 0.3, "radius_rad": 0.05}),
 )

@@ -35,6 +35,7 @@ EFFECT = Effect(
     source="Levinson & Thrun, Automatic Online Calibration of Cameras and Lasers, RSS 2013 (miscalibration of the "
     "mounting, sudden and gradual)",
     apply=apply,
+    of_mounting=True,
     casts=3,
     starts=tuple({axis: way} for axis in ("x_m", "y_m", "z_m") for way in (-0.03, 0.03)),
 )

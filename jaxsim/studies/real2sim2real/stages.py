@@ -19,6 +19,8 @@ from jaxsim.discover import discover_folders
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
+from jaxsim.export.plan import LabelRules, TreePlan, choose_frames
+from jaxsim.export.trees import export_trees
 from jaxsim.files import placed, replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
 from jaxsim.progress import Progress
@@ -30,7 +32,6 @@ from jaxsim.runs.frames import judges_of, read_frames
 from jaxsim.runs.run import Checkpoints
 from jaxsim.simulate.discover_sides import write_both_sides
 from jaxsim.simulate.learned_sensor import load
-from jaxsim.simulate.trees import LabelRules, TreePlan, choose_frames, export_trees
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.charts import check_text, checked_kinds, write_checks
 from jaxsim.studies.real2sim2real.page import count_objects, draw_detections, draw_kinds, turned_clouds, write_loop

@@ -12,8 +12,8 @@ import pytest
 from jaxsim.data.polar_frames import frame_names
 from jaxsim.detect.results import Detected
 from jaxsim.effects.chain import SensorModel
+from jaxsim.export.plan import LabelRules
 from jaxsim.report.pictures import FOUND, LABEL
-from jaxsim.simulate.trees import LabelRules
 from jaxsim.studies.real2sim2real import Loop, claim_loop, stages
 from jaxsim.studies.real2sim2real.page import PANEL, draw_kinds
 from jaxsim.studies.real2sim2real.stages import Stages

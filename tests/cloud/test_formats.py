@@ -7,7 +7,7 @@ import pytest
 from jaxsim.cloud import FORMATS, save_cloud
 from jaxsim.data.clouds import read_cloud
 from jaxsim.frame import Cloud
-from tests.cloud.made_export import cloud, lined
+from tests.cloud.made_clouds import cloud, lined
 
 
 def want(c):

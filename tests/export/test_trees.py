@@ -3,7 +3,6 @@
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,13 +12,11 @@ from jaxsim.cli.flags import DataSource
 from jaxsim.cloud.kitti_tree import tree_files
 from jaxsim.config import CloudRecipe
 from jaxsim.data import KittiObject
-from jaxsim.data.polar_frames import write_grid
 from jaxsim.effects.chain import SensorModel
-from jaxsim.geometry import LidarSpec, full_grid
+from jaxsim.export.trees import export_trees
 from jaxsim.simulate.learned_sensor import load
-from jaxsim.simulate.trees import export_trees
 from tests.cloud import openpcdet_rules as rules
-from tests.simulate.made_trees import Six, boxes_at
+from tests.export.made_trees import Six, boxes_at
 
 PLAIN = CloudRecipe(source="measured")
 
@@ -88,20 +85,6 @@ def test_a_clusters_workers_write_the_files_of_the_plain_command(tmp_path, six, 
     assert all((tmp_path / "spread" / path).read_bytes() == (tmp_path / "plain" / path).read_bytes() for path in files)
 
 
-def test_frames_of_another_folder_or_read_by_other_rows_are_not_added(tmp_path, six):
-    settings = {"out": tmp_path / "out", "recipe": CloudRecipe(source="measured")}
-
-    def kitti(folder: Path, **more) -> DataSource:
-        return DataSource("kitti_object", root=folder, **more)
-
-    Export(**settings, data=kitti(tmp_path / "a"), frames="0")()
-    Export(**settings, data=kitti(tmp_path / "b" / ".." / "a"), frames="0")()
-    with pytest.raises(ValueError, match=r"\(root was .*a, now .*b\); .*\(where a folder has only moved, write"):
-        Export(**settings, data=kitti(tmp_path / "b"), frames="0-1")()
-    with pytest.raises(ValueError, match=r"settings \(rows was file_order, now elevation\)"):
-        Export(**settings, data=kitti(tmp_path / "a", rows="elevation"), frames="0-1")()
-
-
 @pytest.mark.parametrize("entry", ["six-0", {"name": 3, "left_out": None}, {"name": "six-0"}])
 def test_a_record_whose_frames_are_none_is_refused(tmp_path, six, entry):
     Export(out=tmp_path, frames="0")()
@@ -116,21 +99,6 @@ def test_a_data_set_whose_frames_have_shifted_is_not_mixed_with_what_it_was(tmp_
     monkeypatch.setattr(Six, "name_of", lambda self, index: f"six-{index + 1}")
     with pytest.raises(ValueError, match=r"holds six-0 as 000000, which is six-1 now \(1 such\)"):
         Export(out=tmp_path, frames="0-1")()
-
-
-def test_lines_of_any_sensor_are_read_from_its_grid(tmp_path, six):
-    narrow = LidarSpec("three", (-1.0, -3.0, -5.0), (0.0,) * 3, columns=720, min_range_m=1.0, max_range_m=100.0)
-    (tmp_path / "sensor").mkdir()
-    write_grid(tmp_path / "sensor", full_grid(narrow))
-    recipe = CloudRecipe(lines=str(tmp_path / "sensor"), beams=(0, 2))
-    Export(out=tmp_path / "out", frames="0", recipe=recipe)()
-    xyz = np.fromfile(tmp_path / "out/training/velodyne/000000.bin", "<f4").reshape(-1, 4)[:, :3]
-    elevation = np.rad2deg(np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1])))
-    assert len(xyz) > 50
-    assert (np.abs(elevation[:, None] - [-1, -5]).min(axis=1) < 1).all()
-    write_grid(tmp_path / "sensor", full_grid(replace(narrow, elevation_deg=(-1.0, -3.0, -6.0))))
-    with pytest.raises(ValueError, match=r"settings \(recipe\.lines was grid of SHA-256"):
-        Export(out=tmp_path / "out", frames="0", recipe=recipe)()
 
 
 def test_several_trees_read_each_frame_once_and_are_what_each_alone_is(tmp_path, six):
@@ -250,37 +218,12 @@ def test_effects_that_drift_count_from_the_data_sets_first_frame(tmp_path, six, 
 
     drift = SensorModel((("emitter_drift", {"rate": 0.1}),))
     monkeypatch.setattr(Six, "__getitem__", started)
-    monkeypatch.setattr("jaxsim.simulate.trees.make_cloud", made)
-    monkeypatch.setattr("jaxsim.simulate.trees.check_recipe", lambda *of: None)
+    monkeypatch.setattr("jaxsim.export.trees.make_cloud", made)
+    monkeypatch.setattr("jaxsim.export.trees.check_recipe", lambda *of: None)
     drift.save(tmp_path / "sensor.json")
     with pytest.raises(ValueError, match="enough"):
         Export(out=tmp_path / "out", frames="3-5", workers=1, effects=tmp_path / "sensor.json")()
     np.testing.assert_allclose(seen[0], 0.3, atol=1e-3)
-
-
-def test_a_tree_of_other_levels_is_not_gone_on_with_and_an_old_one_that_says_none_is(tmp_path, six, monkeypatch):
-    monkeypatch.setattr("jaxsim.simulate.trees.check_recipe", lambda *of: None)
-
-    def export(noise):
-        levels = {} if noise is None else {"range_noise": noise}
-        SensorModel((("range_scale", {"scale": 0.01}),), levels).save(tmp_path / "sensor.json")
-        Export(out=tmp_path / "out", frames="0", recipe=PLAIN, effects=tmp_path / "sensor.json")()
-
-    monkeypatch.setattr("jaxsim.simulate.trees.make_cloud", lambda frame, *rest, **more: frame.cloud)
-    export(0.02)
-    record = tmp_path / "out" / "export.json"
-    content = json.loads(record.read_text())
-    assert content["settings"]["levels"] == {"range_noise": 0.02}
-    export(0.02)
-    with pytest.raises(ValueError, match=r"other settings \(levels\.range_noise was 0\.02, now 0\.03\)"):
-        export(0.03)
-    with pytest.raises(ValueError, match=r"levels\.range_noise was 0\.02, now None"):
-        export(None)
-    # Records of earlier versions say nothing of levels.
-    del content["settings"]["levels"], content["settings"]["own"]
-    record.write_text(json.dumps(content))
-    export(0.02)
-    assert json.loads(record.read_text())["settings"]["levels"] == {"range_noise": 0.02}
 
 
 def test_frames_of_changed_files_and_clouds_that_are_cut_off_are_made_anew(tmp_path, six, monkeypatch, caplog):

@@ -14,10 +14,10 @@ from jaxsim.data import KittiObject
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.detect.scenes import scene_of_frame
 from jaxsim.effects.chain import SensorModel
+from jaxsim.export.clouds import make_cloud
 from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.matching import truth_flags
-from jaxsim.simulate.clouds import make_cloud
 from jaxsim.simulate.learned_sensor import LearnedSensor, load
 from tests.cloud import openpcdet_rules as rules
 
@@ -152,7 +152,7 @@ def test_effects_that_drift_count_from_the_first_frame_or_from_the_frame_itself(
     recipe = CloudRecipe(source="simulated", projection="grid")
     seen = []
     monkeypatch.setattr(
-        "jaxsim.simulate.clouds.with_effects", lambda model, image, *of, time_s, **how: (seen.append(time_s), image)[1]
+        "jaxsim.export.clouds.with_effects", lambda model, image, *of, time_s, **how: (seen.append(time_s), image)[1]
     )
     for first_s in (1.3e9, None):
         make_cloud(frame, recipe, sensor, effects_model=SensorModel(), first_s=first_s)
