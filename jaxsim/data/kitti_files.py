@@ -18,7 +18,7 @@ from jaxsim.data.polar_checks import check_motion_of
 from jaxsim.files import check_size, numbers, parse_number, read_once, read_pixels, read_text
 from jaxsim.frame import Boxes, Camera
 from jaxsim.geometry import camera_from_projection
-from jaxsim.geometry.points import check_points
+from jaxsim.geometry.points import PAGE_BYTES, check_points
 
 OBJECT_KINDS = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc", "DontCare")
 LABEL_COLUMNS = (
@@ -28,8 +28,8 @@ LABEL_COLUMNS = (
 """Names of a label's numbers, after its kind."""
 MOST, MOST_SIZE_M = 1e4, 100.0
 """No number of a label is larger, and no object longer: a tram has 40 m."""
-LOST_POINTS = 256
-"""So many points of zeros, one after another, are 4096 bytes that a disk reserved and that nothing was written to."""
+LOST_POINTS = PAGE_BYTES // 16
+"""So many points of zeros, one after another, are bytes that a disk reserved and that nothing was written to."""
 MOST_POINTS = 4_000_000
 """Most points of a scan: 30 times those of a turn of the densest sensor."""
 

@@ -8,6 +8,7 @@ SemanticKITTI, ICCV 2019; numbers of classes from config/semantic-kitti.yaml of 
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import cv2
@@ -17,7 +18,10 @@ from jaxtyping import Float, Int
 from jaxsim.data.cityscapes import IDS
 from jaxsim.files import check_size
 from jaxsim.frame import Camera
+from jaxsim.geometry.points import PAGE_BYTES
 from jaxsim.geometry.rasters import nearest_known
+
+_log = logging.getLogger(__name__)
 
 _NUMBERS: dict[str, tuple[int, ...]] = {
     "unlabeled": (0, 1),  # 1: outliers
@@ -71,6 +75,12 @@ def read_point_labels(path: Path, points: int) -> tuple[Int[np.ndarray, " n"], I
             "the scan of the same number in the odometry benchmark: copy both again"
         )
     values = np.fromfile(path, "<u4")
+    unlabelled = points - int(np.flatnonzero(values)[-1]) - 1 if values.any() else points
+    if unlabelled * _BYTES >= PAGE_BYTES:
+        _log.warning(
+            f"semantickitti: the last {unlabelled} of {points} labels in {path} are 0, no class: where a copy broke "
+            "off they were never written; copy the file again"
+        )
     semantic = _FROM_FILE[values & 0xFFFF]
     if (semantic < 0).any():
         strange = np.unique(values[semantic < 0] & 0xFFFF)

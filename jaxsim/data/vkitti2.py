@@ -233,6 +233,6 @@ def _scenes(root: Path, wanted: Sequence[str]) -> list[Path]:
         scenes = [name for name in LENGTHS if name.lower() in have]
         raise ValueError(
             f"vkitti2: no {', '.join(missing)}: {listing(root)}; pass the folder that holds Scene01/, or name the "
-            f"scenes to use: --scenes {' '.join(scenes) or 'Scene01'}"
+            f"scenes to use: --data.scenes {' '.join(scenes) or 'Scene01'}"
         )
     return [have[name.lower()] for name in chosen]

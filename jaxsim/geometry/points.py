@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 FAR_M = 1000.0
 """No car's LiDAR sees farther: what lies beyond is in millimetres or centimetres."""
 NEAR_M = 1e-3
 """No LiDAR sees anything so near: text and whole numbers that are read as coordinates are all smaller, and zeros."""
+
+PAGE_BYTES = 4096
+"""What a disk reserves at once for a file: so many zeros, one after another, were never written."""
 
 
 def check_points(points: Float[np.ndarray, "n c"], where: str) -> None:
@@ -45,6 +50,22 @@ def check_points(points: Float[np.ndarray, "n c"], where: str) -> None:
                 f"{where}: intensity spans {low:g}..{high:g}; it must lie in 0..1, so this is another sensor's file or "
                 "one that was rescaled (divide 0..255 by 255)"
             )
+
+
+def check_end(fields: Sequence[Shaped[np.ndarray, " n"]], *, record_bytes: int) -> None:
+    """Checks the records of a file, by field, in a format where zeros may be rays without return.
+
+    Raises ValueError where at its end a page or more of records of `record_bytes` is nothing but zeros, and no other
+    record is: their place was reserved, and they were never written.
+    """
+    filled = np.zeros(len(fields[0]), bool)
+    for field in fields:
+        if field.dtype.kind in "biuf":
+            filled |= field != 0
+    written = np.flatnonzero(filled)
+    last = int(written[-1]) + 1 if len(written) else 0
+    if len(written) == last and (len(filled) - last) * record_bytes >= PAGE_BYTES:
+        raise ValueError(f"its points from number {last} of {len(filled)} on are zeros alone: they were never written")
 
 
 def turned_points(xyz_m: Float[np.ndarray, "n 3"], angle_rad: float) -> Float[np.ndarray, "n 3"]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.point_labels import LEARNING_CLASSES, NAME_OF_NUMBER, classes_in_image
+from jaxsim.data.point_labels import LEARNING_CLASSES, NAME_OF_NUMBER, classes_in_image, read_point_labels
 from jaxsim.data.synthetic import kitti_camera
 
 
@@ -28,3 +28,17 @@ def test_a_surface_that_hides_another_from_the_camera_keeps_its_class():
     of_pixel, _ = classes_in_image(xyz, semantic, semantic, camera=camera, size=(375, 1242))
     middle = of_pixel[200:260, 500:720]
     assert (middle == IDS["fence"]).mean() > 0.99
+
+
+def test_labels_whose_end_was_never_written_are_told(tmp_path, caplog):
+    path = tmp_path / "000000.label"
+    values = np.full(3000, 40, "<u4")
+    values[-1023:] = 0
+    values.tofile(path)
+    read_point_labels(path, 3000)
+    assert not caplog.text
+    values[-1024:] = 0
+    values.tofile(path)
+    semantic, _ = read_point_labels(path, 3000)
+    assert "the last 1024 of 3000 labels" in caplog.text
+    assert (semantic[:-1024] == IDS["road"]).all()

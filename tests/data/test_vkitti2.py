@@ -176,7 +176,7 @@ def test_a_frame_without_lidar_is_not_for_training_and_keeps_its_depth(dataset):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, r"no Scene02, Scene06, Scene18, Scene20: .* holds Scene01/; .*--scenes Scene01"),
+        ({}, r"no Scene02, Scene06, Scene18, Scene20: .* holds Scene01/; .*--data.scenes Scene01"),
         ({"scenes": ("Scene03",)}, "no scene 'Scene03'; there are Scene01, Scene02"),
         ({"scenes": ONE, "variations": ("snow",)}, "no variation 'snow'; known: 15-deg-left"),
         ({"scenes": ONE, "variations": ("rain",)}, r"no rain/: .* holds clone/"),

@@ -17,7 +17,7 @@ from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading, scan_of_fields
 from jaxsim.files import check_size, files_in, need, parse_number, read_json
 from jaxsim.geometry import LidarSpec
-from jaxsim.geometry.points import FAR_M
+from jaxsim.geometry.points import FAR_M, check_end
 
 MOST_POINTS = 2**23
 """Of a scan: four times those of the densest sensors."""
@@ -58,7 +58,8 @@ def read_pcd(file: Path, options: LogOptions) -> LogScan:
         names = data.dtype.names or ()
         if len(data) != about.points or about.width * about.height != about.points:
             raise ValueError(f"its header promises {about.width} x {about.height} points, {len(data)} are there")
-    values = {name: np.asarray(data[name]) for name in names}
+        values = {name: np.asarray(data[name]) for name in names}
+        check_end([*values.values()], record_bytes=data.dtype.itemsize)
     shape = (about.height, about.width) if about.height > 1 else None
     return scan_of_fields(values, options, by="pcd", where=str(file), name=file.stem, scene=_scene(file), shape=shape)
 
@@ -71,8 +72,9 @@ def read_ply(file: Path, options: LogOptions) -> LogScan:
         if "vertex" not in data:
             raise ValueError("it has no element vertex")
         vertex = data["vertex"].data
-    # Files of either byte order: from here on the machine's own.
-    values = {name: vertex[name].astype(vertex[name].dtype.newbyteorder("=")) for name in vertex.dtype.names or ()}
+        # Files of either byte order: from here on the machine's own.
+        values = {name: vertex[name].astype(vertex[name].dtype.newbyteorder("=")) for name in vertex.dtype.names or ()}
+        check_end([*values.values()], record_bytes=vertex.dtype.itemsize)
     return scan_of_fields(values, options, by="ply", where=str(file), name=file.stem, scene=_scene(file))
 
 
@@ -117,6 +119,8 @@ def read_las(file: Path, options: LogOptions) -> LogScan:
         with laspy.open(str(file), laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as opened:
             _check_promises(file, opened.header)
             data = opened.read()
+        # As they are written: offset and scale make a place of a zero.
+        check_end([data.X, data.Y, data.Z], record_bytes=data.point_format.size)
         names = list(data.point_format.dimension_names)
         values = {name: np.asarray(data[name]) for name in names if name not in ("X", "Y", "Z")}
         values |= {axis: np.asarray(getattr(data, axis)) for axis in "xyz"}

@@ -74,6 +74,23 @@ def test_damaged_files_are_named(tmp_path, fields, suffix, damage):
         frames_of(path, tmp_path / "out")
 
 
+@pytest.mark.parametrize("suffix", [".pcd", ".ply", ".las"])
+def test_a_file_whose_end_was_never_written_is_named(tmp_path, fields, suffix):
+    path = tmp_path / f"scan{suffix}"
+    if suffix == ".ply":
+        plyfile = pytest.importorskip("plyfile", reason="plyfile is not installed")
+        vertices = np.empty(len(fields["x"]), [(name, value.dtype) for name, value in fields.items()])
+        for name, value in fields.items():
+            vertices[name] = value
+        plyfile.PlyData([plyfile.PlyElement.describe(vertices, "vertex")]).write(str(path))
+    else:
+        (pcd(path, fields, "binary") if suffix == ".pcd" else las(path, fields))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-20000] + bytes(20000))
+    with pytest.raises(ValueError, match=rf"{suffix[1:]}: .*scan\{suffix} cannot be read .*on are zeros alone"):
+        frames_of(path, tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("suffix", "at", "told"), [(".las", 247, "promises .* points"), (".laz", None, "chunks of 2880")]
 )
