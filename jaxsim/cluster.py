@@ -138,7 +138,7 @@ _own_build = lru_cache(build_name)
 def _cache_folder() -> str | None:
     import jax  # the scheduler imports this module too, and needs no JAX
 
-    return jax.config.jax_compilation_cache_dir  # type: ignore
+    return jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]  # jax declares no types of its settings
 
 
 @lru_cache(maxsize=1)

@@ -248,7 +248,7 @@ def _on_cpu() -> Iterator[None]:
     if cpu is None:
         yield
         return
-    before = jax.config.jax_default_device  # type: ignore
+    before = jax.config.jax_default_device  # type: ignore[attr-defined]  # jax declares no types of its settings
     # Of the process, for a thread that is begun within knows nothing of a context.
     jax.config.update("jax_default_device", cpu)
     try:

@@ -75,15 +75,15 @@ def run(job: Job, folder: Path) -> Row:
     comparison = read_comparison(folder / "simulated", folder / "measured")
     shutil.rmtree(folder)
     found = find_dependences(Division.of(comparison))
-    null = found.null.problem
+    null = found.null_model.problem
     answer = decide(null, Choice((), (), null), found.single)
     form = curve_form(null, *answer.curve, crossed=found.crossed) if answer.curve else None
     added = add_effects(null, (), known=NOTHING_YET, form=form)
     noise = refitted(in_place(null, added.chain)).noise
-    repeats = examine(found.null, added.chain, noise)
+    repeats = examine(found.null_model, added.chain, noise)
     added = with_repeats(added, [one.learned for one in repeats])
     k = CHANNELS.index(kind.channel)
-    every = AllScenes.of(found.null)
+    every = AllScenes.of(found.null_model)
     gained = judge_gains(every, added.chain)[k] if added.chain else 0.0
     return {
         "key": job.key,

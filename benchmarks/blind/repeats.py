@@ -105,8 +105,8 @@ def run(simulator: str, pattern: str, number: int, *, folder: Path, first: int) 
 
 def examined(comparison: Comparison, truth: Pattern) -> Row:
     """What repeats in a comparison; where a pattern is planted, what the laws explain of it."""
-    null = NullModel.of(Division.of(comparison))
-    dense = Dense.of(null)
+    null_model = NullModel.of(Division.of(comparison))
+    dense = Dense.of(null_model)
     maps = dense.maps()
     signs = signs_of(int(dense.finding.sum()))
     centred = {channel: replace(one, total=one.centred(one.total)) for channel, one in maps.items()}
@@ -118,7 +118,7 @@ def examined(comparison: Comparison, truth: Pattern) -> Row:
     told = find_repeats(maps, dense.finding) if every else ()
     row: Row = {"p": p, "repeats": [_plain(one.repeat) for one in every], "answered": bool(told)}
     if truth.any() and told:
-        learned = dense.learn(told, [], null.problem.noise)
+        learned = dense.learn(told, [], null_model.problem.noise)
         height = np.sum([law_on_grid(one.learned, truth.shape) for one in learned], axis=0)
         off = (truth - truth.mean()) - (height - height.mean())
         row["learned"] = [_plain(one.repeat) | {"judged_nats": one.judged_nats} for one in learned]

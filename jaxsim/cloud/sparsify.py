@@ -9,6 +9,7 @@ scan), or lines twice as far apart (14,654); both are here.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -56,7 +57,7 @@ def crop_cloud(cloud: Cloud) -> Cloud:
     inside = cloud.valid
     for axis, (low, high) in enumerate(PUBLISHED_RANGE_M):
         inside = inside & (cloud.xyz_m[..., axis] >= low) & (cloud.xyz_m[..., axis] < high)
-    return cloud.replace(valid=inside)  # type: ignore[attr-defined]
+    return replace(cloud, valid=inside)
 
 
 @partial(jax.jit, static_argnames=("beams", "winner", "clamp"))

@@ -141,7 +141,8 @@ def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Da
 
     Raises ValueError for an unknown kind, a missing root, and scenes of a kind that has no scenes to choose.
     """
-    config = DataConfig(kind=source) if isinstance(source, str) else source  # type: ignore
+    # Any text may come: a config refuses a kind that is none.
+    config = DataConfig(kind=source) if isinstance(source, str) else source  # type: ignore[arg-type]
     config = replace(config, root=Path(root)) if root else config
     if config.kind not in DATASETS:
         raise ValueError(f"data: no kind {config.kind!r}; known: {', '.join(DATASETS)}")
@@ -163,7 +164,8 @@ def source_of(
     """
     if kind == "same":
         return replace(of_run, root=root or of_run.root, scenes=scenes or of_run.scenes, **more)
-    return replace(of_run, kind=kind, root=root, scenes=scenes, **more)  # type: ignore
+    # The same: whatever the text is, a config checks it.
+    return replace(of_run, kind=kind, root=root, scenes=scenes, **more)  # type: ignore[arg-type]
 
 
 def _root(config: DataConfig) -> Path:

@@ -12,6 +12,7 @@ Labels are of points. The camera's classes are those of the points that it sees,
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +98,7 @@ class KittiOdometry:
         semantic, instance = read_point_labels(labels, len(cloud.xyz_m))
         xyz_m, size = np.asarray(cloud.xyz_m), view.rgb.shape[-3:-1]
         semantic, instance = classes_in_image(xyz_m, semantic, instance, camera=view.camera, size=size)
-        return view.replace(semantic=semantic, instance=instance)  # type: ignore[attr-defined]
+        return replace(view, semantic=semantic, instance=instance)
 
     def _path(self, index: int, kind: str, suffix: str) -> Path:
         sequence, number = self._frames[index]

@@ -8,6 +8,7 @@ They have classes where the frames have them, and no image; depth is completed f
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -71,7 +72,7 @@ class PolarViews:
             if "instance" in rasters:
                 instance = rasters["instance"].ravel()[valid].astype(np.int32)
             of_pixels = classes_in_image(xyz_m, semantic, instance, camera=self.camera, size=self.size)
-            view = view.replace(semantic=of_pixels[0], instance=of_pixels[1])  # type: ignore[attr-defined]
+            view = replace(view, semantic=of_pixels[0], instance=of_pixels[1])
         return Frame(
             name=self.name_of(index),
             scene=scene_of(name, self.frames),

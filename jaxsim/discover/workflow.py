@@ -73,7 +73,7 @@ def discover(
     asked = ask(placed, nulls=nulls, log=log)
     found = asked.placed.found
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
-    divided = find_regimes(found.null, asked.answer, without=asked.without, log=log)
+    divided = find_regimes(found.null_model, asked.answer, without=asked.without, log=log)
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
     completed = complete(found, divided, asked.others, log=log)
     # Show: the scenes that nothing has seen.

@@ -160,7 +160,7 @@ def make_all(job: PairJob, positions: Sequence[int], workers: int) -> Iterator[M
     if workers == 1:
         yield from (make(job, position) for position in positions)
         return
-    cache = jax.config.jax_compilation_cache_dir  # type: ignore
+    cache = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]  # jax declares no types of its settings
     others = multiprocessing.active_children()
     spawn = multiprocessing.get_context("spawn")  # a fork would copy JAX's locks without its threads
     with ProcessPoolExecutor(workers, spawn, initializer=_begin, initargs=(cache,)) as pool:

@@ -1,9 +1,16 @@
 """Data sets by their kind."""
 
+from typing import get_args
+
 import pytest
 
 from jaxsim.config import DataConfig
-from jaxsim.data import open_dataset
+from jaxsim.config.data import DataKind
+from jaxsim.data import DATASETS, open_dataset
+
+
+def test_every_kind_of_the_settings_is_a_row_of_the_table():
+    assert set(get_args(DataKind)) == set(DATASETS)
 
 
 def test_a_data_set_that_reads_files_needs_a_root():

@@ -84,7 +84,7 @@ def stages() -> Stages:
     ):
         placed = place(Comparison(scan, measured, names, names), catalogue, known, log=lambda line: None)
         asked = ask(placed, nulls=0, log=lambda line: None)
-        divided = find_regimes(placed.found.null, asked.answer, without=asked.without, log=lambda line: None)
+        divided = find_regimes(placed.found.null_model, asked.answer, without=asked.without, log=lambda line: None)
         completed = complete(asked.placed.found, divided, asked.others, log=lambda line: None)
         shown = show(asked, completed, every_frame=False, log=lambda line: None)
     return Stages(placed, asked, divided, completed, shown)

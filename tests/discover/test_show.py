@@ -27,8 +27,8 @@ def shown(standard_promotion):
     scan, measured = toy(FRAMES)
     names = tuple(f"frame {k}" for k in range(FRAMES))
     division = Division.of(Comparison(scan, measured, names, names))
-    null = NullModel.of(division)
-    return gap_with(null, [], null.problem.noise)
+    null_model = NullModel.of(division)
+    return gap_with(null_model, [], null_model.problem.noise)
 
 
 def test_without_an_effect_the_gap_stays_and_there_is_no_closure(shown):
@@ -96,7 +96,7 @@ def test_what_follows_the_reported_intensity_is_judged_by_it(nats, verdict_):
 
 @pytest.mark.usefixtures("standard_promotion")
 def test_effects_that_follow_the_reported_intensity_alone_are_judged_by_it(stages):
-    null, added = stages.placed.found.null, stages.completed.added
+    null, added = stages.placed.found.null_model, stages.completed.added
     assert judged_by_reported(null, added) == {}
     walk, [one] = EFFECTS["range_walk"], added.refits
     rows = null.problem.ev.rays.row.shape[-1]

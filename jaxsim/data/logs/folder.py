@@ -89,8 +89,8 @@ def write_log(
     )
     items = _chosen(source.items(path, options), every, most)
     grid, layout, items = _begin(record, made, items, options=options, by=kind)
-    written = already = partial = 0
-    filled = 0.0
+    written, already = 0, 0
+    partial, filled = 0, 0.0
     names: set[str] = set()
     with Announced(out, grid, by="frames") as announced, Progress(unit="frame", desc="reading") as bar:
         for place, item in enumerate(items):

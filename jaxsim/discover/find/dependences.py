@@ -244,7 +244,7 @@ def _short(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:
 class Dependences:
     """What the find scenes show before any effect is added."""
 
-    null: NullModel
+    null_model: NullModel
     single: list[Dependence]
     """Dependences of the null's residuals on single covariates, strongest first."""
     where: tuple[Where, ...]
@@ -256,12 +256,12 @@ class Dependences:
 def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Dependences:
     """The null model with the `known` effects in place, and what its residuals depend on. Raises ValueError for a
     learned law of what the frames do not hold."""
-    null = NullModel.of(division, known)
-    rays, residuals = standardised(null.problem)
-    scene = np.asarray(null.problem.ev.scene)
+    null_model = NullModel.of(division, known)
+    rays, residuals = standardised(null_model.problem)
+    scene = np.asarray(null_model.problem.ev.scene)
     single, crossed = side_by_side(
         partial(localise, rays, residuals, scene), partial(interactions, rays, residuals, scene)
     )
     listed = reported([*single, *crossed])
     where = tuple(Where(found.channel, spelled(found.covariate), found.p_value, found.share) for found in listed)
-    return Dependences(null, single, where, tuple(reported(crossed)))
+    return Dependences(null_model, single, where, tuple(reported(crossed)))

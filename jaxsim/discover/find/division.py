@@ -261,7 +261,7 @@ class NullModel:
 class AllScenes:
     """Find and judge scenes, in this order, with what is known in place: what is found is held against them."""
 
-    null: NullModel
+    null_model: NullModel
     division: Division
     """The null model's, or other columns of its frames."""
     ev: Evidence
@@ -270,17 +270,17 @@ class AllScenes:
     """1 for the find scenes, from which follows what scenes share."""
 
     @classmethod
-    def of(cls, null: NullModel, division: Division | None = None) -> AllScenes:
+    def of(cls, null_model: NullModel, division: Division | None = None) -> AllScenes:
         """All scenes of a null model, by the columns of another `division` of its frames where one is given."""
-        division = division or null.division
+        division = division or null_model.division
         find, judge = division.parts.find, division.parts.judge
-        ev, scene = division.evidence((*find, *judge), null.known)
-        return cls(null, division, ev, scene, (scene < len(find)).astype(np.float32))
+        ev, scene = division.evidence((*find, *judge), null_model.known)
+        return cls(null_model, division, ev, scene, (scene < len(find)).astype(np.float32))
 
     def problem_with(self, effects: Chain = (), noise: Noise | None = None) -> Problem:
         """The null model's problem here, with effects in place and the `noise` that they leave (by default the
         null's)."""
-        null = self.null.problem
+        null = self.null_model.problem
         noise = null.noise if noise is None else noise
         bare = Problem(self.division.scan, self.ev, null.equations, noise, null.clutter)
         return reweighted(in_place(bare, effects, simulated=True), self.in_fit)

@@ -60,8 +60,8 @@ Random effects in closed form (`random_effects`; Laird & Ware 1982)
 Rounding (`likelihood.rounding_gain`): readings on a lattice gain ln(0.995 step / finest) each, others lose ln 0.005.
 Power of echoes (`null_model`): ln power is uncertain by sqrt v_i and by what surfaces differ by (`log_power_sd`).
 
-Alternation (`null.fit_null`): robust weights of the closed forms at the residuals (w = 5 / (4 + e^2 / v) / v), then
-noise by L-BFGS-B, twice; noise once more. The weights then stay for all effects that are held against this null.
+Alternation (`null_model.fit_null`): robust weights of the closed forms at the residuals (w = 5 / (4 + e^2 / v) / v),
+then noise by L-BFGS-B, twice; noise once more. The weights then stay for all effects that are held against this null.
 
 Priors and bounds, and where they are set
     z       scalars N(0, 3), entries of vectors N(0, 1); the effect's bounds       parameters.LOOSE, effects/catalogue
@@ -76,7 +76,8 @@ Priors and bounds, and where they are set
     surface object 0.2, patch of 6 m 0.15                                  cast.OBJECT_SD, PATCH_SD, PATCH_M
     pose    2 cm, 1 mrad an axis; moves a reading by 15 % at most          evidence.POSE_SD, random_effects.POSE_MOST
     power   of a surface like its class's, as firmly as by 5 rays          null_model.FEW
-    tails   Student-t of 4 degrees; far off 1 m; near 5 cm                 noise.DEGREES, likelihood._WIDE_M, _EDGE_SD_M
+    tails   Student-t of 4 degrees; far off 1 m                            noise.DEGREES, likelihood._WIDE_M
+    near    5 cm and 2 % of the range; ghosts 10 cm                        likelihood._EDGE_SD_M, _EDGE_PART, _GHOST_M
     top     readings within 1 % of it pile up, beyond it cost 10 nats      likelihood._PILE, _ABOVE_TOP
     rays between two surfaces of frames that are cast again: 3 %           cast.UNKNOWN_BETWEEN
     edges and planes, by bends of 3 % and 1 % of 1 / range                 Rules.edge_, plane_bend

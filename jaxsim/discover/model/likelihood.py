@@ -40,6 +40,14 @@ _NOTHING = math.log(FLOOR) + 1e-3
 _EDGE_SD_M = 0.05
 """Standard deviation of a neighbour's reading near by, and the softness of the ends of what lies between two
 surfaces."""
+_EDGE_PART = 0.02
+"""What a neighbour's reading is off beside that, as a share of the range: surfaces go on between rays."""
+_GHOST_M = 0.1
+"""What a ghost's reading is off beside the noise of ranges."""
+_NODES = 16
+"""Of the sum that normalises the density of false returns."""
+_LOGISTIC = 1.6
+"""Times its argument the logistic function is nearly the normal distribution's."""
 _WIDE_M = 1.0
 """Half width at half height of readings far off."""
 _FAR_M = 1e4
@@ -85,12 +93,11 @@ def intensity_terms(
     # A reading of 0 says no more than that the intensity lies below all others.
     nothing = ev.log_intensity - ev.lift <= _NOTHING
     density = jnp.where(nothing, log_below((ev.lowest - (ev.log_intensity - unexplained)) / sd), density)
-    # At the sensor's top: all that would be brighter piles up there. 1.6 makes of the logistic function nearly the
-    # normal distribution's; the pile is spread over the _PILE on both sides of the top.
+    # At the sensor's top: all that would be brighter piles up there, spread over the _PILE on both sides of the top.
     top = jnp.log(rays.intensity_top)
     over = (ev.log_intensity - unexplained - top) / sd
     gap = ev.log_intensity - top
-    piled = jax.nn.log_sigmoid(1.6 * over) - math.log(2 * _PILE)
+    piled = jax.nn.log_sigmoid(_LOGISTIC * over) - math.log(2 * _PILE)
     # A top of 1 is where every sensor's scale ends: nothing is cut off.
     clipped = rays.intensity_top < 0.9999
     density = jnp.where(clipped & (jnp.abs(gap) <= _PILE), piled, density)
@@ -108,19 +115,19 @@ def log_clutter(rays: Rays, at_m: Float[Array, "b c r"]) -> Float[Array, "b c r"
         return rays.clutter_power * jnp.log(r) - r / rays.clutter_scale_m
 
     # Midpoint rule on a logarithmic scale: the densities are broad on it.
-    nodes, length = 16, jnp.log(end / start)
+    length = jnp.log(end / start)
     mass = jnp.zeros_like(end)
-    for k in range(nodes):
-        r = start * jnp.exp(length * ((k + 0.5) / nodes))
-        mass = mass + jnp.exp(log_shape(r)) * r * length / nodes
+    for k in range(_NODES):
+        r = start * jnp.exp(length * ((k + 0.5) / _NODES))
+        mass = mass + jnp.exp(log_shape(r)) * r * length / _NODES
     inside = (at_m > start) & (at_m < end + 1.0)
     r = jnp.clip(at_m, start, end)
     return jnp.where(inside, log_shape(r) - jnp.log(mass + 1e-30), NEVER)
 
 
 def near_sd(range_m: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Standard deviation of a neighbour's reading, m: surfaces go on, by some share of the range, between rays."""
-    return _EDGE_SD_M + 0.02 * range_m
+    """Standard deviation of a neighbour's reading, m."""
+    return _EDGE_SD_M + _EDGE_PART * range_m
 
 
 def log_stray(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
@@ -180,7 +187,7 @@ def return_terms(
     own, beside = log_echo(rays, ev, noise)
     echo = jnp.logaddexp(own + surface, beside + near)
     returned = jnp.where(rays.hit, echo, log_false(ev, noise) + nothing)
-    ghost = log_normal(ev.range_m - rays.ghost_m, jnp.exp(noise.range_) + 0.1)
+    ghost = log_normal(ev.range_m - rays.ghost_m, jnp.exp(noise.range_) + _GHOST_M)
     returned = _mix(rays.ghost, returned, ghost)
     # An early return hides all that comes behind it.
     if clutter:

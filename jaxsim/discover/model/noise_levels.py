@@ -121,10 +121,7 @@ def noise_levels(scan: Scan) -> Levels:
     steps = lattices_of(scan)
     if inner.sum() < RULES.fewest_differences:
         return steps
-    range_m = np.asarray(scan.range_m, np.float64)
-    bend = second_difference(1 / np.maximum(range_m, LEAST_M))
-    # An error e of the range is one of e / range^2 of 1 / range.
-    range_sd = sd_of(np.abs(bend * range_m**2)[inner])
+    range_sd = sd_of(np.abs(range_bends(scan))[inner])
     slant_sd = sd_of(np.abs(second_difference(np.asarray(scan.incidence_rad, np.float64)))[inner])
     loss = hole.sum() / max(hole.sum() + inner.sum(), 1)
     constant, share, follows_cosine = _intensity_noise(scan, inner)
@@ -158,6 +155,13 @@ def on_lattices(levels: Levels, lattices: Levels) -> Levels:
 def second_difference(x: Float[np.ndarray, "f r c"]) -> Float[np.ndarray, "f r c"]:
     """The second difference of each ray and its neighbours along the row, over sqrt 6; at the borders it wraps."""
     return (np.roll(x, 1, 2) - 2 * x + np.roll(x, -1, 2)) / np.sqrt(6)
+
+
+def range_bends(scan: Scan) -> Float[np.ndarray, "f r c"]:
+    """Second differences of ranges along the row, m, 0 on planes."""
+    range_m = np.asarray(scan.range_m, np.float64)
+    # An error e of the range is one of e / range^2 of 1 / range.
+    return second_difference(1 / np.maximum(range_m, LEAST_M)) * range_m**2
 
 
 def sd_of(size: Float[np.ndarray, " n"]) -> float:

@@ -15,16 +15,17 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.noise_levels import Levels, neighbourhoods, noise_levels, sd_of, second_difference
 from jaxsim.discover.rules import RULES
-from jaxsim.effects.rays import FLOOR, LEAST_M, Scan
+from jaxsim.effects.rays import FLOOR, Scan
 
 
 def own_levels(simulated: Scan, measured: Scan) -> tuple[Levels, Levels]:
     """The levels of noise of both sides, without what they have in common where that is most of the simulator's
     (`Rules.common_noise`)."""
     ours, theirs = noise_levels(simulated), noise_levels(measured)
-    inner, hole = map(np.asarray, neighbourhoods(simulated))
+    found = neighbourhoods(simulated)
+    inner, hole = np.asarray(found[0]), np.asarray(found[1])
     both = inner & np.asarray(neighbourhoods(measured)[0])
-    common = common_variance(_range_bends(simulated)[both], _range_bends(measured)[both])
+    common = common_variance(range_bends(simulated)[both], range_bends(measured)[both])
     ours, theirs = _less_range(ours, common), _less_range(theirs, common)
     bright = both & _bright(simulated) & _bright(measured)
     bends = [_intensity_bends(side)[bright] for side in (simulated, measured)]
@@ -63,12 +64,6 @@ def _less_intensity(levels: Levels, bends: Float[np.ndarray, " n"], common: floa
         return replace(levels, intensity=0.0, intensity_share=0.0)
     part = float(np.sqrt(rest / variance))
     return replace(levels, intensity=part * levels.intensity, intensity_share=part * levels.intensity_share)
-
-
-def _range_bends(scan: Scan) -> Float[np.ndarray, "f r c"]:
-    """Second differences of ranges along the row, m, 0 on planes."""
-    range_m = np.asarray(scan.range_m, np.float64)
-    return second_difference(1 / np.maximum(range_m, LEAST_M)) * range_m**2
 
 
 def _intensity_bends(scan: Scan) -> Float[np.ndarray, "f r c"]:

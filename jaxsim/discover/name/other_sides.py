@@ -61,7 +61,7 @@ BY_CHANCE = frozenset(("range", "drop"))
 class OtherSides:
     """The null of the find scenes of other sides."""
 
-    null: NullModel
+    null_model: NullModel
     fit: Fit
     channels: frozenset[str]
     """Channels of which these sides can be asked."""
@@ -73,21 +73,21 @@ class OtherSides:
     @classmethod
     def of_control(cls, comparison: Comparison) -> OtherSides:
         """The control's frames, with what was named of them in place."""
-        null = NullModel.of(Division.of(comparison))
-        return cls(null, fit_noise(null.problem), frozenset(CHANNELS), CONTROL)
+        null_model = NullModel.of(Division.of(comparison))
+        return cls(null_model, fit_noise(null_model.problem), frozenset(CHANNELS), CONTROL)
 
     @classmethod
     def exchanged(
-        cls, comparison: Comparison, null: NullModel, *, back: Callable[[Comparison], Comparison] | None = None
+        cls, comparison: Comparison, null_model: NullModel, *, back: Callable[[Comparison], Comparison] | None = None
     ) -> OtherSides:
         """The comparison with what was measured in the place of what was simulated; `null` is that of the sides as they
         are. What else the sides differ by, known or found, is in neither place: it is left to the nuisances. `back`
         brings frames of other moments to their partners (`mounting.brought_back`)."""
-        division = null.division
+        division = null_model.division
         sides = exchange(comparison, division)
         turned = Division.of(back(sides) if back else sides, chosen=division.blocks, parts=division.parts)
         other = NullModel.of(turned)
-        channels = frozenset(CHANNELS) if back else alike(division, null.problem)
+        channels = frozenset(CHANNELS) if back else alike(division, null_model.problem)
         # Casting blurs both sides alike: what is new loses there, and be it little.
         return cls(other, fit_noise(other.problem), channels, EXCHANGED, share=0.0 if back else RULES.elsewhere_share)
 
@@ -128,7 +128,7 @@ class OtherSides:
         if channels.isdisjoint(effect.channels):
             return False
         values = host_values(effect, step.fit.z)
-        return self.shows(effect, values, step.chosen, there=there, here=self.null.problem, channels=channels)
+        return self.shows(effect, values, step.chosen, there=there, here=self.null_model.problem, channels=channels)
 
     def has_curve(self, there: Problem, along: Dependence, curve: Candidate) -> bool:
         """Whether a free curve that was fitted to the problem `there` is found here as well."""
@@ -141,8 +141,8 @@ class OtherSides:
         height = fixed_basis(known, name) @ np.mean(fits, axis=0)
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
         order = np.argsort(known, kind="stable")
-        column = np.interp(values_along(self.null.problem, name), known[order], height[order])
-        problem = with_columns(self.null.problem, column[:, None].astype(np.float32))
+        column = np.interp(values_along(self.null_model.problem, name), known[order], height[order])
+        problem = with_columns(self.null_model.problem, column[:, None].astype(np.float32))
         effect = CURVES[along.change]
         unit = np.zeros_like(fits[0])
         unit[0] = 1.0

@@ -31,10 +31,10 @@ SLOPES = CURVES["intensity"]
 """The law by which contrast is asked: heights are differences of slopes."""
 
 
-def contrast_off(null: NullModel, choice: Choice) -> Candidate | None:
+def contrast_off(null_model: NullModel, choice: Choice) -> Candidate | None:
     """The contrast as a candidate beside what was chosen, where it is accepted; None where the sensor follows the
     simulator's contrast, or noise on intensities or a control has left that free."""
-    division = null.division
+    division = null_model.division
     if division.simulator.intensities is not None or division.simulator.free_contrast:
         return None
     ev, _ = division.with_free_contrast().evidence(division.parts.find)

@@ -39,7 +39,7 @@ class JudgeScenes:
     def _every_second(self, first: int) -> JudgeScenes:
         division = self.scenes.division
         chosen = replace(division.blocks, column=division.blocks.column[:, first::2])
-        return JudgeScenes.of(AllScenes.of(self.scenes.null, division.looking_at(chosen)))
+        return JudgeScenes.of(AllScenes.of(self.scenes.null_model, division.looking_at(chosen)))
 
     def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
         """Each block's log-likelihood, nats, at the weights of the null."""

@@ -40,13 +40,13 @@ class Dense:
     """Whether each scene is one to find with."""
 
     @classmethod
-    def of(cls, null: NullModel) -> Dense:
+    def of(cls, null_model: NullModel) -> Dense:
         """The columns of a null model's frames."""
-        division = null.division
+        division = null_model.division
         chosen = blocks(division.scenes, *division.scan.range_m.shape[1:], rays=RULES.repeats_rays)
         find, judge = division.parts.find, division.parts.judge
         finding = np.arange(len(find) + len(judge)) < len(find)
-        return cls(AllScenes.of(null, division.looking_at(chosen)), finding)
+        return cls(AllScenes.of(null_model, division.looking_at(chosen)), finding)
 
     def maps(self, effects: Chain = (), noise: Noise | None = None) -> dict[str, Maps]:
         """What is left with `effects` in place, which leave `noise` (by default the null's)."""
@@ -60,19 +60,19 @@ class Dense:
         def maps_with(laws: Sequence[Learned]) -> Mapping[str, Maps]:
             chain = [*effects, *((as_law(law), {}) for law in laws)]
             # Laws in place leave less noise than there was.
-            return self.maps(chain, refitted(in_place(null.problem, chain)).noise if laws else noise)
+            return self.maps(chain, refitted(in_place(null_model.problem, chain)).noise if laws else noise)
 
-        null = self.scenes.null
-        rows, columns = null.division.scan.range_m.shape[1:]
+        null_model = self.scenes.null_model
+        rows, columns = null_model.division.scan.range_m.shape[1:]
         usual = float(jax.nn.sigmoid(noise.drop))
         forms = [pattern_form(pattern, rows, columns, usual_loss=usual) for pattern in patterns]
         return tuple(one for one in learn_repeats(forms, self.finding, maps_with) if one.can_be_added)
 
 
-def examine(null: NullModel, chain: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
+def examine(null_model: NullModel, chain: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
     """What repeats with the effects of `chain` in place, which leave `noise`, each pattern with the law that it
     makes."""
-    dense = Dense.of(null)
+    dense = Dense.of(null_model)
     repeats = find_repeats(dense.maps(chain, noise), dense.finding)
     return dense.learn(repeats, chain, noise) if repeats else ()
 
@@ -100,7 +100,7 @@ def left_open(found: LearnedRepeat, added: Added) -> bool:
 
 def one_sided(repeats: Sequence[LearnedRepeat], other: OtherSides) -> tuple[tuple[LearnedRepeat, ...], tuple[str, ...]]:
     """The patterns that other sides do not show as well, and the formulas of those that they do."""
-    maps = Dense.of(other.null).maps()
+    maps = Dense.of(other.null_model).maps()
     one_side, both = [], []
     for learned in repeats:
         channel = learned.repeat.channel

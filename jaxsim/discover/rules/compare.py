@@ -98,6 +98,15 @@ class CompareRules:
     """The same of angles of incidence (set on noisy_street.py)."""
     noisy_loss: float = 0.001
     """Share of rays lost within smooth surfaces below which holes are the street's (set on noisy_street.py)."""
+    ideal_noise: float = 0.5
+    """A simulator whose ranges scatter less than this share of the sensor's is ideal where growing noise is asked for:
+    what scatters is its surfaces (a judgement, not calibrated) ..."""
+    plane_noise: float = 1 / 3
+    """... and planes are where they scatter less than this share (a judgement, not calibrated) ..."""
+    noise_growth: float = 1.2
+    """... whose weakest third of echoes must scatter by more than this ratio, in squares, as the strongest third does
+    (a judgement, not calibrated: even noise on streets and yards of another maker's seemed to grow by 1.07, the
+    catalogue's of severity 2 grows by 2.5, tests/discover/find/test_levels.py)."""
     common_noise: float = 0.5
     """Share of the simulator's noise, in squares, above which what the measured readings have in common with it at the
     same rays is noise of neither (a judgement, not calibrated: independent noise has nothing in common, and where one

@@ -53,17 +53,19 @@ from jaxsim.effects.effect import CHANNELS
 WHY_NOT = "scenes that it was not fitted to do not gain by it"
 
 
-def show_gap(null: NullModel, choice: Choice, added: Added) -> Judged:
+def show_gap(null_model: NullModel, choice: Choice, added: Added) -> Judged:
     """The gap before and after the effects were added, beside a placebo: the runner-up, added in their place."""
     rival = runner_up(choice.steps)
-    placebo = placebo_of(null.problem, rival) if rival else None
-    return gap_with(null, added.chain, choice.problem.noise, placebo=placebo)
+    placebo = placebo_of(null_model.problem, rival) if rival else None
+    return gap_with(null_model, added.chain, choice.problem.noise, placebo=placebo)
 
 
-def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chain, Noise] | None = None) -> Judged:
+def gap_with(
+    null_model: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chain, Noise] | None = None
+) -> Judged:
     """The gap with the effects of `chain` in place, which leave `noise`; `placebo` is another chain with its own noise.
     Nuisances that scenes share come from the find scenes."""
-    every = AllScenes.of(null)
+    every = AllScenes.of(null_model)
     in_fit, scene = every.in_fit, every.scene
     # Effects leave less noise than the null has: each side is judged with its own.
     before = every.problem_with()
@@ -80,18 +82,18 @@ def gap_with(null: NullModel, chain: Chain, noise: Noise, *, placebo: tuple[Chai
         shown = gaps(was, now, placebo=instead, floor=floor)
         return shown, closure(was, now, floor=floor, channels={name for effect, _ in chain for name in effect.channels})
 
-    (gap, closed), frames = side_by_side(numbers, partial(_frames, null, chain, noise, curves=curves))
+    (gap, closed), frames = side_by_side(numbers, partial(_frames, null_model, chain, noise, curves=curves))
     maps = residual_maps(before, in_fit=in_fit), residual_maps(after, in_fit=in_fit)
     return Judged(gap, closed, *maps, curves, frames)
 
 
-def judged_by_reported(null: NullModel, added: Added) -> dict[str, float]:
+def judged_by_reported(null_model: NullModel, added: Added) -> dict[str, float]:
     """What judge scenes gain by each named effect that follows the intensity which was reported, alone, as it was
     fitted: nats a scene. The gap is that of simulations, which know the simulated intensity."""
     held = [one for one in added.refits if by_reported(one.effect)]
     if not held:
         return {}
-    every = AllScenes.of(null)
+    every = AllScenes.of(null_model)
     before, judged = every.problem_with(), every.in_fit == 0
     without = score_at(NOTHING, before, every.in_fit, z={}, noise=before.noise)
     gained = {}
@@ -105,21 +107,21 @@ def judged_by_reported(null: NullModel, added: Added) -> dict[str, float]:
 def _with_floor(every: AllScenes, before: Problem, effects: Sequence[Law]) -> Problem:
     """What is left `before` with free curves of what the effects may depend on, learned on the find scenes; the noise
     that they leave there is fitted beside them."""
-    null = every.null
+    null_model = every.null_model
     covariates = {name for effect in effects for name in effect.covariates} or set(COVARIATES)
     curves = additive_floor(before, every.in_fit, sorted(covariates))
     # The null's evidence is that of the find scenes.
-    seen = curves.on(null.problem.ev, every.in_fit > 0)
-    curved = fit_null(null.division.scan, seen, clutter=null.problem.clutter)
+    seen = curves.on(null_model.problem.ev, every.in_fit > 0)
+    curved = fit_null(null_model.division.scan, seen, clutter=null_model.problem.clutter)
     return reweighted(replace(before, ev=curves.on(every.ev), noise=curved.noise), every.in_fit)
 
 
-def law_gains(null: NullModel, added: Added, *, before: Problem, effects: Chain) -> bool:
+def law_gains(null_model: NullModel, added: Added, *, before: Problem, effects: Chain) -> bool:
     """Whether judge scenes gain, in its channel and in the mean, by the law that was learned (`Rules.confirmed_nats`).
     `effects` are those that were in place before it, in `before`; all of `added` with the law."""
     if added.learned is None:
         return False
-    every = AllScenes.of(null)
+    every = AllScenes.of(null_model)
     gained = judge_gains(every, added.chain) - judge_gains(every, effects, before.noise)
     return bool(gained[CHANNELS.index(added.learned.learned.channel)] > RULES.confirmed_nats)
 
@@ -127,17 +129,19 @@ def law_gains(null: NullModel, added: Added, *, before: Problem, effects: Chain)
 def judge_gains(every: AllScenes, chain: Chain, noise: Noise | None = None) -> Float[np.ndarray, " 3"]:
     """Nats that a judge scene gains in each channel, in the mean, by effects and the `noise` that they leave (by
     default as it is fitted to the find scenes)."""
-    noise = refitted(in_place(every.null.problem, chain)).noise if noise is None else noise
+    noise = refitted(in_place(every.null_model.problem, chain)).noise if noise is None else noise
     before, after = every.problem_with(), every.problem_with(chain, noise)
     sides = [distance(problem, every.in_fit, before.equations, scene=every.scene) for problem in (before, after)]
     return (sides[1].log_likelihood - sides[0].log_likelihood).mean(0)
 
 
-def _frames(null: NullModel, chain: Chain, noise: Noise, *, curves: tuple[CurveLine, ...]) -> tuple[JudgeFrame, ...]:
+def _frames(
+    null_model: NullModel, chain: Chain, noise: Noise, *, curves: tuple[CurveLine, ...]
+) -> tuple[JudgeFrame, ...]:
     """A few judge frames with nearly all their rays, before the effects and with them."""
     parts: dict[str, list[JudgeFrame]] = {}
-    for chunk in whole_frames(null.division):
-        every = AllScenes.of(null, chunk.division)
+    for chunk in whole_frames(null_model.division):
+        every = AllScenes.of(null_model, chunk.division)
         before = every.problem_with()
         after = every.problem_with(chain, noise)
         for part in rays_of(before, after, in_fit=every.in_fit, chunk=chunk, curves=curves):
@@ -168,11 +172,11 @@ def judge_known(
     Raises ValueError for unknown effects and where the scenes are too few.
     """
     effects = [get_effect(name) for name in answer]
-    null = NullModel.of(Division.of(comparison))
-    rows = null.problem.ev.rays.row.shape[-1]
+    null_model = NullModel.of(Division.of(comparison))
+    rows = null_model.problem.ev.rays.row.shape[-1]
     starts = [to_z(effect, dict(answer[effect.name]), rows) for effect in effects]
-    chain = [(one.effect, one.fit.z) for one in refit(null.problem, effects, starts)]
-    shown = gap_with(null, chain, refitted(in_place(null.problem, chain)).noise)
+    chain = [(one.effect, one.fit.z) for one in refit(null_model.problem, effects, starts)]
+    shown = gap_with(null_model, chain, refitted(in_place(null_model.problem, chain)).noise)
     return shown.gap, shown.closure
 
 

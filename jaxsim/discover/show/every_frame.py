@@ -58,7 +58,7 @@ class Sums:
 class HeldAnswer(NamedTuple):
     """What frames are judged by: an answer, as `show.gap_with` takes it."""
 
-    null: NullModel
+    null_model: NullModel
     """The division of the frames that were read, whose find scenes stay in every block."""
     chain: Chain
     noise: Noise
@@ -79,7 +79,7 @@ def judge_rest(
     rest = comparison.rest
     if rest is None or mounting.comparison.other_moments or mounting.comparison.own_places:
         return None
-    division = by.null.division
+    division = by.null_model.division
     judged, _ = division.blocks_of(division.parts.judge)
     size = size or len(np.unique(division.blocks.frame[judged]))
     sums = Sums()
@@ -118,9 +118,9 @@ def block_of(
     """The next frames as they are judged; the last one is repeated until there are `size`."""
     padded = [*names, *[names[-1]] * (size - len(names))]
     # Their registration is that of the frames that were read, and they are brought as these were.
-    part = place_mounting(read_part(rest, padded, like=comparison), mounting.effects, by.null.known).comparison
+    part = place_mounting(read_part(rest, padded, like=comparison), mounting.effects, by.null_model.known).comparison
     part = by.knock.brought(part) if by.knock else part
-    old = by.null.division
+    old = by.null_model.division
     is_find, _ = old.blocks_of(old.parts.find)
     # Columns from other starts in each block.
     new = blocks(part.scenes, *np.shape(old.scan.range_m)[1:], like=old.blocks, seed=number + 1)
@@ -139,9 +139,9 @@ def add(sums: Sums, block: JudgedBlock, by: HeldAnswer) -> None:
     """Judges a block's frames and adds them to the sums."""
     division = block.division
     scenes = tuple(dict.fromkeys(division.blocks.scene))
-    ev, scene = division.evidence(scenes, by.null.known)
+    ev, scene = division.evidence(scenes, by.null_model.known)
     in_fit = block.in_fit
-    every = AllScenes(by.null, division, ev, scene, in_fit)
+    every = AllScenes(by.null_model, division, ev, scene, in_fit)
     before = every.problem_with()
     after = every.problem_with(by.chain, by.noise)
     sides = [block_distances(problem, in_fit, before.equations) for problem in (before, after)]
@@ -170,7 +170,7 @@ def every_frame_of(sums: Sums, by: HeldAnswer) -> EveryFrame:
     # A scene of which a channel compares no ray has 0 / 0, which no mean counts.
     with np.errstate(invalid="ignore"):
         means = error[..., 0] / error[..., 1]
-    unseen = np.array([scene not in by.null.division.parts.find for scene in scenes])
+    unseen = np.array([scene not in by.null_model.division.parts.find for scene in scenes])
     worst = sorted(sums.of_frame, key=lambda name: sums.of_frame[name])[: RULES.odd_frames]
     scene_of = {name: scene for scene, names in sums.frames_of.items() for name in names}
 

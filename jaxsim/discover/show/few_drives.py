@@ -66,23 +66,23 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     count = len(set(of_frame))
     if whole.blocks.sectors == 1 or not bound or count < RULES.fewest_scenes:
         return nothing
-    null = NullModel.of(whole.divided_by(of_frame), sectors.known)
+    null_model = NullModel.of(whole.divided_by(of_frame), sectors.known)
     drives = counted(len(set(whole.scenes)), "drive")
     log(f"{drives}: {' and '.join(effect.name for effect in bound)} are asked of {count} pieces")
-    if not choose(null.problem, bound, log=log).steps:
+    if not choose(null_model.problem, bound, log=log).steps:
         return nothing
     # Alone they stand in for what goes by range or class, which differ from side to side: now beside all others.
-    choice = choose(null.problem, catalogue, log=log)
+    choice = choose(null_model.problem, catalogue, log=log)
     stands = [
         step.chosen.effect.name in OF_DIRECTIONS and without_brightness(step.chosen.gain) for step in choice.steps
     ]
     if not any(stands):
         return nothing
-    added = add_effects(null.problem, choice.steps, known=sectors.known)
-    gained = judge_gains(AllScenes.of(null), [*compress(added.chain, stands)])
+    added = add_effects(null_model.problem, choice.steps, known=sectors.known)
+    gained = judge_gains(AllScenes.of(null_model), [*compress(added.chain, stands)])
     if np.delete(gained, BRIGHTNESS).sum() <= RULES.confirmed_nats:
         return nothing
-    effects = all_named(null.problem, choice.steps, added)
+    effects = all_named(null_model.problem, choice.steps, added)
     of_sensor = added.sensor.effects[len(sectors.known.effects) :]
     known = replace(sectors.known, effects=(*sectors.known.effects, *compress(of_sensor, stands)))
     return OfPieces(tuple(compress(effects, stands)), known, count, drives)

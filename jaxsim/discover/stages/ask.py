@@ -55,7 +55,7 @@ class Asked:
 def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     """Which effects of the catalogue are missing; then free curves for what is not in it. The bar is set on so many
     `nulls` drawn from these data, where any are asked for."""
-    null = placed.found.null.problem
+    null = placed.found.null_model.problem
     note = unrelated(correlations(null.ev))
     candidates = [effect for effect in placed.catalogue if not note or of_ranges(effect)]
     catalogue = with_look_alikes(candidates, null.ev.rays, null.scan)
@@ -65,7 +65,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     without = ("intensity",) if note else ()
     asked = partial(answer_of, catalogue=catalogue, nulls=nulls, without=without, control_sides=beside, log=log)
     answer, others = asked(placed)
-    contrast = None if note else contrast_off(placed.found.null, answer.choice)
+    contrast = None if note else contrast_off(placed.found.null_model, answer.choice)
     if contrast:
         log(f"the sensor does not follow the simulator's contrast ({contrast.total:.0f} nats): all is asked beside it")
         placed = placed.with_free_contrast()
@@ -76,7 +76,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
         columns = nearer.division.blocks.column.shape[1]
         log(f"undecided: {', '.join(hopeful)}; asked once more, of {columns} columns a frame")
         hoped = [one for one in catalogue if one.name in hopeful]
-        if fulfilled(hoped, nearer.found.null.problem, bar=answer.choice.bars.effect):
+        if fulfilled(hoped, nearer.found.null_model.problem, bar=answer.choice.bars.effect):
             again, beside_these = asked(nearer, catalogue=hoped)
             if believed(again):
                 placed, answer = nearer, told_whole(again, answer)
@@ -103,9 +103,9 @@ def answer_of(
 ) -> tuple[Answer, Sequence[Callable[[], OtherSides]]]:
     """What naming says of what was found, and the other sides that it asked."""
     found, comparison = placed.found, placed.comparison
-    null, simulator = found.null.problem, placed.division.simulator
+    null, simulator = found.null_model.problem, placed.division.simulator
     back = brought_back if comparison.other_moments else None
-    exchanged = cache(partial(OtherSides.exchanged, comparison, found.null, back=back))
+    exchanged = cache(partial(OtherSides.exchanged, comparison, found.null_model, back=back))
     # Of a simulator without noise the sides are no two readings of one street, but for what casting adds.
     two_readings = simulator.noisy or comparison.other_moments
     others = [*([exchanged] if two_readings else ()), *([control_sides] if control_sides else ())]

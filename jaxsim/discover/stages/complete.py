@@ -35,14 +35,14 @@ def complete(
     """What was named, fitted together; a law for what no effect describes; and laws of what repeats at the same rows
     and columns in every scene with these in place, but does not on `others`, other sides."""
     log("fitting what was named together")
-    null, known = found.null.problem, found.null.known
+    null, known = found.null_model.problem, found.null_model.known
     answer, choice = divided.answer, divided.answer.choice
     form = None
     if answer.curve:
         form = curve_form(choice.problem, *answer.curve, crossed=found.crossed, bar=choice.bars.free)
     added = add_effects(null, choice.steps, known=known, form=form, regions=divided.regions)
     effects = [step.placed for step in choice.steps]
-    if added.learned and not law_gains(found.null, added, before=choice.problem, effects=effects):
+    if added.learned and not law_gains(found.null_model, added, before=choice.problem, effects=effects):
         log(f"{added.learned.learned.name}: scenes that it was not fitted to do not gain by it")
         answer = without_curve(answer)
         added = add_effects(null, choice.steps, known=known, regions=divided.regions)
@@ -51,7 +51,9 @@ def complete(
         # The law leaves less noise than there was: what is asked next must know it.
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
     log("looking for what repeats")
-    repeats = tuple(one for one in examine(found.null, added.chain, choice.problem.noise) if not left_open(one, added))
+    repeats = tuple(
+        one for one in examine(found.null_model, added.chain, choice.problem.noise) if not left_open(one, added)
+    )
     for other in others if repeats else ():
         repeats, passed = one_sided(repeats, sides := other())
         answer = replace(answer, elsewhere=(*answer.elsewhere, *((formula, sides.why) for formula in passed)))

@@ -51,20 +51,20 @@ def show(asked: Asked, completed: Completed, *, every_frame: bool, log: Log) -> 
     found, comparison = asked.placed.found, asked.placed.comparison
     choice, added = completed.answer.choice, completed.added
     judged, (levels, objects, sensitive) = side_by_side(
-        partial(show_gap, found.null, choice, added),
+        partial(show_gap, found.null_model, choice, added),
         lambda: (
             compare_levels(comparison),
             compare_objects(comparison),
-            sensitivities(found.null.problem, asked.catalogue),
+            sensitivities(found.null_model.problem, asked.catalogue),
         ),
     )
     maps = judged.maps_before, judged.maps_after
     every = None
     if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
-        held = HeldAnswer(found.null, added.chain, choice.problem.noise, asked.placed.knock)
+        held = HeldAnswer(found.null_model, added.chain, choice.problem.noise, asked.placed.knock)
         every, maps = judge_rest(comparison, asked.placed.mounting, held) or (None, maps)
-    return Shown(judged, levels, objects, sensitive, every, maps, judged_by_reported(found.null, added))
+    return Shown(judged, levels, objects, sensitive, every, maps, judged_by_reported(found.null_model, added))
 
 
 def verdict_of(
@@ -74,7 +74,7 @@ def verdict_of(
     was put in place first is told with it."""
     placed, every = asked.placed, shown.every_frame
     answer, added = completed.answer, completed.added
-    choice, null = answer.choice, placed.found.null.problem
+    choice, null = answer.choice, placed.found.null_model.problem
     control, learned_before = placed.division.control, len(placed.mounting.known.learned)
     return Verdict(
         verdict=answer.verdict,
@@ -131,7 +131,7 @@ def result_of(
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
     named_effects = dict(sensor.effects)
     standing = [(refit.effect, refit.fit.z) for refit in added.refits if refit.effect.plain_name in named_effects]
-    null = placed.found.null.problem
+    null = placed.found.null_model.problem
     levels = missing(shown.levels, made_by(null.ev, in_place(null, standing).ev))
     return Result(
         verdict,

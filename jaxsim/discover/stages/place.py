@@ -80,7 +80,7 @@ class Placed:
 
     @property
     def division(self) -> Division:
-        return self.found.null.division
+        return self.found.null_model.division
 
     def closer(self) -> Placed:
         """The same, with more columns of the same frames looked at; itself where there are no more. On what the
@@ -88,7 +88,7 @@ class Placed:
         division = self.division.closer()
         if division is self.division:
             return self
-        return replace(self, found=replace(self.found, null=NullModel.of(division, self.mounting.known)))
+        return replace(self, found=replace(self.found, null_model=NullModel.of(division, self.mounting.known)))
 
     def with_free_contrast(self) -> Placed:
         """The same, with how far the sensor follows the simulator's contrast left to a nuisance."""
@@ -106,14 +106,14 @@ def place(comparison: Comparison, catalogue: Sequence[Effect], known: SensorMode
     mounting = standing.mounting
     catalogue = [effect for effect in catalogue if effect.name not in standing.effects]
     found = find_dependences(standing.division, mounting.known)
-    finer = refine_lift(comparison, mounting, found.null.problem, known=known)
+    finer = refine_lift(comparison, mounting, found.null_model.problem, known=known)
     # What the null says rests on where the sensor stands: it is asked again from there.
     if finer is not mounting:
         mounting = replace(finer, comparison=steadied(finer.comparison)) if mounting.comparison.own_places else finer
         found = find_dependences(Division.of(mounting.comparison), mounting.known)
-    of_drive = ask_pieces(found.null, catalogue, log=log)
+    of_drive = ask_pieces(found.null_model, catalogue, log=log)
     if of_drive.effects:
         mounting = replace(mounting, known=of_drive.known)
         catalogue = [effect for effect in catalogue if effect.name not in dict(mounting.known.effects)]
-        found = find_dependences(found.null.division, mounting.known)
+        found = find_dependences(found.null_model.division, mounting.known)
     return Placed(mounting, found, tuple(catalogue), of_drive, standing.knock)

@@ -63,3 +63,15 @@ def test_noise_grows_where_that_of_neighbours_does():
     more = np.random.default_rng(5).normal(0, 0.075, weak.shape)
     measured = replace(even.measured, range_m=(even.measured.range_m + np.where(weak, more, 0)).astype(np.float32))
     assert range_noise_grows(replace(even, measured=measured))
+
+
+def test_what_both_sides_know_of_leaves_far_off_is_no_noise_that_grows():
+    even = comparison(None, {"range_m": 0.015})
+    power = np.log(np.maximum(even.scan.intensity, 1e-4)) - 2 * np.log(np.maximum(even.scan.range_m, 0.1))
+    weak = even.scan.hit & (power < np.quantile(power[even.scan.hit], 1 / 3))
+    rng = np.random.default_rng(6)
+    leaves = weak & (rng.random(weak.shape) < 0.15)
+    off_m = np.where(leaves, rng.normal(0, 0.08, weak.shape), 0)
+    rough = [(side.range_m + off_m).astype(np.float32) for side in (even.scan, even.measured)]
+    scan, measured = replace(even.scan, range_m=rough[0]), replace(even.measured, range_m=rough[1])
+    assert not range_noise_grows(replace(even, scan=scan, measured=measured))

@@ -104,7 +104,7 @@ def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(div
     assert gap.after < gap.before
     again = find_dependences(division, added.sensor)
     before = fit_noise(null).loss
-    after = fit_noise(again.null.problem).loss
+    after = fit_noise(again.null_model.problem).loss
     assert after < before - 50
     assert not [one for one in again.where if one.covariate == "azimuth" and one.channel == "intensity"]
 
@@ -188,7 +188,7 @@ def test_a_black_level_of_every_second_row_is_told_and_added_as_such(standard_pr
     light = np.clip(measured.intensity + np.where(odd, 0.05, 0.0), 0, 1).astype(np.float32)
     names = tuple(f"frame {k}" for k in range(FRAMES))
     dependences = find_dependences(Division.of(Comparison(scan, replace(measured, intensity=light), names, names)))
-    null = dependences.null.problem
+    null = dependences.null_model.problem
     curves = free_curves(null, [one for one in dependences.single if one.channel == "intensity"])
     best, curve = curves[0]
     assert (best.covariate, best.adds) == ("even rows", True)

@@ -94,7 +94,9 @@ def asked_closer(monkeypatch, found, *, hopes: bool):
 
 
 def looking():
-    return SimpleNamespace(null=SimpleNamespace(problem=SimpleNamespace(ev=SimpleNamespace(rays=None), scan=None)))
+    return SimpleNamespace(
+        null_model=SimpleNamespace(problem=SimpleNamespace(ev=SimpleNamespace(rays=None), scan=None))
+    )
 
 
 @pytest.mark.parametrize("hopes", [True, False])

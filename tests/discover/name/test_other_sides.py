@@ -66,11 +66,11 @@ def sides(*, mixed=(0.15, 0.15), loss=NOISE["loss"], own=0.0, simulator=NOISE) -
 
 def asked(comparison, name):
     """Whether the exchanged sides have an effect that was fitted, and its step."""
-    null = NullModel.of(Division.of(comparison))
-    [best] = rank_effects(null.problem, [get_effect(name)])
-    step = fitted_step(null.problem, best, ranking=[best], among=[best])
+    null_model = NullModel.of(Division.of(comparison))
+    [best] = rank_effects(null_model.problem, [get_effect(name)])
+    step = fitted_step(null_model.problem, best, ranking=[best], among=[best])
     back = brought_back if comparison.other_moments else None
-    return OtherSides.exchanged(comparison, null, back=back), step
+    return OtherSides.exchanged(comparison, null_model, back=back), step
 
 
 def of_other_moments(*, simulated_m, measured_m) -> Comparison:
@@ -97,31 +97,31 @@ def test_what_casting_makes_of_beams_that_differ_is_found_with_the_sides_exchang
     assert same.other_moments
     exchanged, step = asked(same, "beam_range_bias")
     assert step.chosen.total > RULES.bar_nats
-    assert exchanged.has(step, exchanged.null.problem)
+    assert exchanged.has(step, exchanged.null_model.problem)
 
 
 @few_rays
 def test_beams_that_are_off_on_one_side_are_no_matter_of_casting():
     exchanged, step = asked(of_other_moments(simulated_m=0 * BEAMS_M, measured_m=BEAMS_M), "beam_range_bias")
     assert step.chosen.total > RULES.bar_nats
-    assert not exchanged.has(step, exchanged.null.problem)
+    assert not exchanged.has(step, exchanged.null_model.problem)
 
 
 @pytest.mark.slow  # The whole answer below says so of the same streets.
 def test_edges_that_both_sides_mix_are_nothing_that_one_lacks():
     exchanged, step = asked(sides(), "mixed_pixels")
     assert step.chosen.total > 10
-    assert exchanged.has(step, exchanged.null.problem)
+    assert exchanged.has(step, exchanged.null_model.problem)
 
 
 def test_what_the_control_shows_as_well_is_not_new():
     """Too weak to be named there, it is found in the mean of its scenes."""
     both, new = sides(mixed=(0.0, 0.3)), sides(mixed=(0.0, 0.0))
-    null = NullModel.of(Division.of(both))
-    [best] = rank_effects(null.problem, [get_effect("mixed_pixels")])
-    step = fitted_step(null.problem, best, ranking=[best], among=[best])
-    assert OtherSides.of_control(both).has(step, null.problem)
-    assert not OtherSides.of_control(new).has(step, null.problem)
+    null_model = NullModel.of(Division.of(both))
+    [best] = rank_effects(null_model.problem, [get_effect("mixed_pixels")])
+    step = fitted_step(null_model.problem, best, ranking=[best], among=[best])
+    assert OtherSides.of_control(both).has(step, null_model.problem)
+    assert not OtherSides.of_control(new).has(step, null_model.problem)
 
 
 @pytest.mark.parametrize(("apart", "clear"), [(0.0, False), (0.5, False), (4.0, True)])
@@ -156,7 +156,7 @@ def test_the_answer_is_none_and_a_note_says_what_was_found(standard_promotion):
 def test_what_the_sensor_alone_mixes_is_its_own():
     exchanged, step = asked(sides(mixed=(0.0, 0.15)), "mixed_pixels")
     assert step.chosen.total > 10
-    assert not exchanged.has(step, exchanged.null.problem)
+    assert not exchanged.has(step, exchanged.null_model.problem)
 
 
 @few_rays
@@ -166,7 +166,7 @@ def test_what_beams_meet_by_chance_is_asked_of_a_simulator_without_noise_too(our
     exchanged, step = asked(sides(mixed=(ours, 0.15), simulator={}), "mixed_pixels")
     assert exchanged.channels.isdisjoint({"range"})
     assert step.chosen.total > 10
-    assert exchanged.has(step, exchanged.null.problem) == found
+    assert exchanged.has(step, exchanged.null_model.problem) == found
 
 
 def crowns(ours: float, *, noise=(NOISE, NOISE)) -> Comparison:
@@ -201,26 +201,26 @@ def _as_read(of: np.ndarray) -> np.ndarray:
 def test_leaves_that_each_side_meets_by_chance_are_no_loss_of_the_sensor(ours, found):
     exchanged, step = asked(crowns(ours), "material_dropout")
     assert step.chosen.total > 10
-    assert exchanged.has(step, exchanged.null.problem) == found
+    assert exchanged.has(step, exchanged.null_model.problem) == found
 
 
 @pytest.mark.parametrize(("ours", "found"), [(0.5, True), (1.0, False)])
 def test_nor_are_they_a_curve_of_losses_beside_a_simulator_without_noise(ours, found):
     comparison = crowns(ours, noise=({}, NOISE | {"loss": 0.0}))
-    null = NullModel.of(Division.of(comparison))
+    null_model = NullModel.of(Division.of(comparison))
     by_class = [Dependence("drop", "class", 1.0, 0.0, 0.0)]
-    [(along, curve)] = [pair for pair in free_curves(null.problem, by_class) if pair[0].covariate == "class"]
-    exchanged = OtherSides.exchanged(comparison, null)
+    [(along, curve)] = [pair for pair in free_curves(null_model.problem, by_class) if pair[0].covariate == "class"]
+    exchanged = OtherSides.exchanged(comparison, null_model)
     assert "drop" not in exchanged.channels
     assert curve.total > 10
-    assert exchanged.has_curve(null.problem, along, curve) == found
+    assert exchanged.has_curve(null_model.problem, along, curve) == found
 
 
 @few_rays
 def test_rays_that_the_sensor_alone_loses_are_its_own():
     exchanged, step = asked(sides(loss=0.08), "random_dropout")
     assert step.chosen.total > 10
-    assert not exchanged.has(step, exchanged.null.problem)
+    assert not exchanged.has(step, exchanged.null_model.problem)
 
 
 @pytest.mark.parametrize(("own", "channels"), [(0.0, {"range", "drop", "intensity"}), (0.4, {"range", "drop"})])

@@ -51,8 +51,8 @@ def as_said(problem: Problem) -> Problem:
     return reweighted(replace(problem, ev=without_detail(problem.ev)), problem.ev.all_blocks)
 
 
-def nothing(null: NullModel) -> Choice:
-    return Choice((), (), null.problem)
+def nothing(null_model: NullModel) -> Choice:
+    return Choice((), (), null_model.problem)
 
 
 @pytest.fixture(scope="module")

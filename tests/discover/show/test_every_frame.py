@@ -46,11 +46,11 @@ def judged(tmp_path_factory, standard_promotion):
         patch.setattr(read, "FEWEST_FRAMES", READ)
         patch.setattr(read, "MOST_CELLS", 0)
         comparison = read_comparison(folder / "simulated", folder / "measured")
-    null = NullModel.of(Division.of(comparison))
+    null_model = NullModel.of(Division.of(comparison))
     effect = get_effect("beam_gain")
-    start = to_z(effect, {}, null.problem.ev.rays.row.shape[-1])
-    chain = [(one.effect, one.fit.z) for one in refit(null.problem, [effect], [start])]
-    return comparison, HeldAnswer(null, chain, null.problem.noise)
+    start = to_z(effect, {}, null_model.problem.ev.rays.row.shape[-1])
+    chain = [(one.effect, one.fit.z) for one in refit(null_model.problem, [effect], [start])]
+    return comparison, HeldAnswer(null_model, chain, null_model.problem.noise)
 
 
 @pytest.fixture(scope="module")

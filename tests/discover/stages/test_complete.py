@@ -23,7 +23,7 @@ def test_where_nothing_repeats_and_no_curve_is_left_the_answer_stays(stages):
 
 
 def test_the_answers_problem_has_what_was_added_in_place(stages):
-    before = np.asarray(stages.placed.found.null.problem.ev.rays.reading_m)
+    before = np.asarray(stages.placed.found.null_model.problem.ev.rays.reading_m)
     after = np.asarray(stages.completed.answer.choice.problem.ev.rays.reading_m)
-    hit = np.asarray(stages.placed.found.null.problem.ev.rays.hit)
+    hit = np.asarray(stages.placed.found.null_model.problem.ev.rays.hit)
     np.testing.assert_allclose((after - before)[hit], FAR_M, atol=0.005)

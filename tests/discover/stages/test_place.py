@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
 def test_what_is_known_is_in_place_and_what_it_does_not_explain_is_found(stages):
     placed = stages.placed
     assert placed.mounting.known.names == ("random_dropout",)
-    assert placed.found.null.known == placed.mounting.known
+    assert placed.found.null_model.known == placed.mounting.known
     assert "range" in {one.channel for one in placed.found.single}
     assert [effect.name for effect in placed.catalogue] == ["range_offset", "incidence_cosine"]
     assert placed.of_drive.effects == ()
@@ -26,7 +26,10 @@ def test_with_free_contrast_all_is_found_again_beside_it(stages):
     assert free.division.simulator.free_contrast
     assert not stages.placed.division.simulator.free_contrast
     assert free.division.parts == stages.placed.division.parts
-    assert free.found.null.problem.ev.features.shape[-1] > stages.placed.found.null.problem.ev.features.shape[-1]
+    assert (
+        free.found.null_model.problem.ev.features.shape[-1]
+        > stages.placed.found.null_model.problem.ev.features.shape[-1]
+    )
 
 
 def test_few_drives_that_are_too_narrow_for_sectors_are_refused():

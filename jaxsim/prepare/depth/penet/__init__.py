@@ -66,7 +66,7 @@ class Penet:
         """
         if not valid.any():
             raise ValueError("penet: not one pixel has depth, so there is nothing to complete")
-        check_crop(valid.shape)  # type: ignore
+        check_crop((valid.shape[0], valid.shape[1]))
         moved = np.array(intrinsics, np.float32)
         if self.convention == "published":
             moved[1, 2] += rows_cut / 2
