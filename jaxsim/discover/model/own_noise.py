@@ -13,7 +13,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.discover.model.noise_levels import Levels, neighbourhoods, noise_levels, sd_of, second_difference
+from jaxsim.discover.model.noise_levels import (
+    Levels,
+    neighbourhoods,
+    noise_levels,
+    range_bends,
+    sd_of,
+    second_difference,
+)
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Scan
 
