@@ -81,7 +81,7 @@ Priors and bounds, and where they are set
     top     readings within 1 % of it pile up, beyond it cost 10 nats      likelihood._PILE, _ABOVE_TOP
     rays between two surfaces of frames that are cast again: 3 %           cast.UNKNOWN_BETWEEN
     edges and planes, by bends of 3 % and 1 % of 1 / range                 Rules.edge_, plane_bend
-    kinds without classes: level ground, albedo                            kinds.KNOT_QUANTILES, Rules.level_ground_rad
+    kinds without classes: level ground, albedo, height                    kinds.KNOT_QUANTILES, Rules.level_ground_rad
     which rays are compared; which lie on a lattice                        Rules.compared_, finest_step, lattice_
     which columns of which frames                                   cast.RAYS, CLOSER_RAYS, Rules.sectors
     noise that a simulator has: how it is told; how smooth surfaces are    noise_levels.QUANTILE, smooth.PLANE_MISFIT

@@ -3,8 +3,9 @@
 They are classes, or what stands in for them. Frames without classes still show a few materials again and again: a floor
 that is darker than its table says is so in every scene, and a wrong cosine, gamma or gain of the lower beams would
 explain it. So level ground and all else are told apart by their planes, and each by how bright the simulator has it: a
-free curve of the albedo, as classes have a free level each. A simulator that gives each material one intensity, at any
-angle, shows its table as it is: each of these is a kind.
+free curve of the albedo, as classes have a free level each. What is no ground also has one along its height: the lower
+half of a wall may be of another material in every scene, and rows and ranges of the frames follow heights. A simulator
+that gives each material one intensity, at any angle, shows its table as it is: each of these is a kind.
 
 Letters: b blocks, c columns, r rows of the rays that are looked at; f frames of n columns; k kinds; l intensities of a
 table.
@@ -12,6 +13,7 @@ table.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +27,8 @@ from jaxsim.effects.rays import FLOOR, Scan
 
 KNOT_QUANTILES = (0.05, 0.35, 0.65, 0.95)
 """Quantiles of ln albedo: knots of the free curve."""
+HEIGHT_QUANTILES = (0.02, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 0.98)
+"""Quantiles of the height of what is no ground: knots of that curve."""
 BARE = ("ground", "other surfaces")
 """Names of the kinds where all surfaces are of one class."""
 
@@ -34,12 +38,12 @@ class Kinds(NamedTuple):
 
     names: tuple[str, ...]
     share: Float[np.ndarray, "b c r k"]
-    """0..1; the kinds of a ray sum to 1."""
+    """0..1; the kinds of a ray sum to 1, and beside them, where no class is told, its heights to 1 or 0."""
 
 
 def kinds_of(scan: Scan, index: RayIndex) -> Kinds:
     """The kinds of the chosen rays' surfaces: their classes, or ground and others where all are of one; each by its
-    intensities where these are few, for then they are a table's, else what has no class by albedo."""
+    intensities where these are few, for then they are a table's, else what has no class by albedo and height."""
     semantic = np.asarray(scan.semantic)
     classes = np.unique(semantic)
     hit = np.asarray(scan.hit)
@@ -56,10 +60,17 @@ def kinds_of(scan: Scan, index: RayIndex) -> Kinds:
     for name, kind in zip(BARE, (ground, ~ground), strict=True):
         of_kind = kind & np.asarray(scan.hit)
         if of_kind.any():
-            knots = _knots(albedo[of_kind])
+            knots = _knots(albedo[of_kind], KNOT_QUANTILES, apart=RULES.albedo_apart)
             told += [f"{name} of albedo {np.exp(knot):.2g}" for knot in knots]
             # Every kind has columns of its own: a knot of the ground's curve says nothing of walls.
             shares.append(np.where(kind[index][..., None], hats(albedo[index], knots), 0.0))
+    standing = hit & ~ground
+    height_m = np.asarray(scan.range_m, np.float64) * np.sin(_elevation(scan))
+    knots = _knots(height_m[standing], HEIGHT_QUANTILES, apart=RULES.heights_apart_m)
+    # At one height there is nothing to be told from it.
+    if len(knots) > 1:
+        told += [f"{BARE[1]} at {knot:.2g} m" for knot in knots]
+        shares.append(np.where(standing[index][..., None], hats(height_m[index], knots), 0.0))
     return Kinds(tuple(told), np.concatenate(shares, axis=-1).astype(np.float32))
 
 
@@ -113,14 +124,20 @@ def _log_albedo(scan: Scan) -> Float[np.ndarray, "f r n"]:
 
 def _ground(scan: Scan) -> Bool[np.ndarray, "f r n"]:
     """Rays that meet their plane as they would meet level ground."""
-    down = -np.asarray(scan.grid.elevation_rad, np.float64)[None, :, None]
+    down = -_elevation(scan)
     level = np.abs(np.asarray(scan.incidence_rad) - (np.pi / 2 - down)) < RULES.level_ground_rad
     return level & (down > RULES.least_down_rad)
 
 
-def _knots(albedo: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+def _elevation(scan: Scan) -> Float[np.ndarray, "1 r 1"]:
+    """Elevation of each row, rad."""
+    return np.asarray(scan.grid.elevation_rad, np.float64)[None, :, None]
+
+
+def _knots(values: Float[np.ndarray, " n"], quantiles: Sequence[float], *, apart: float) -> Float[np.ndarray, " k"]:
+    """These quantiles, without those that lie nearer to the one before than `apart`; none of no values."""
     knots: list[float] = []
-    for knot in np.quantile(albedo, KNOT_QUANTILES):
-        if not knots or knot - knots[-1] > RULES.albedo_apart:
+    for knot in np.quantile(values, quantiles) if len(values) else ():
+        if not knots or knot - knots[-1] > apart:
             knots.append(float(knot))
     return np.array(knots)

@@ -127,6 +127,9 @@ class CompareRules:
     albedo_apart: float = 0.1
     """Nats between knots of ln albedo, at least; where all albedos are alike one knot is left (a judgement, not
     calibrated)."""
+    heights_apart_m: float = 0.25
+    """Metres between knots of the heights at which surfaces without classes stand, at least (a judgement, not
+    calibrated)."""
     coarsest_step: float = 0.02
     """A few intensities are steps of a rounding, and no table, if they are no farther apart than this
     (tests/discover/model/test_kinds.py: a table of five, and a dark scene in 8 bits) ..."""

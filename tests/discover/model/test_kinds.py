@@ -37,7 +37,11 @@ def test_classes_are_the_kinds_where_there_are_any(frames):
 def test_without_classes_ground_is_told_from_walls_and_both_by_albedo(frames):
     scan, _ = frames
     names, share = kinds_of(unlabelled(scan), INDEX)
-    np.testing.assert_allclose(share.sum(-1), 1, atol=1e-6)
+    of_height = np.array([name.endswith(" m") for name in names])
+    np.testing.assert_allclose(share[..., ~of_height].sum(-1), 1, atol=1e-6)
+    standing = share[..., of_height].sum(-1)
+    assert 0.2 < standing.mean() < 0.8
+    np.testing.assert_allclose(standing[standing > 0], 1, atol=1e-6)
     ground = share[..., [name.startswith("ground") for name in names]].sum(-1)
     # Rays that look almost level are of neither.
     clear = np.abs(np.asarray(scan.grid.elevation_rad)) > 0.03
@@ -102,4 +106,16 @@ def test_a_floor_darker_than_its_table_is_no_effect_where_no_class_tells_it(fram
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         null = fit_null(device(scan)[0], ev)
         ranks = rank_effects(null, [get_effect(n) for n in ("gamma_response", "incidence_cosine", "beam_gain")])
+    assert [one.effect.name for one in ranks if one.accepted()] == []
+
+
+def test_walls_whose_lower_part_is_of_another_material_are_no_effect_where_no_class_tells_it(frames):
+    scan, measured = frames
+    height_m = scan.range_m * np.sin(np.asarray(scan.grid.elevation_rad))[:, None]
+    dark = (np.asarray(scan.semantic) == 11) & (height_m < -0.6)
+    darker = replace(measured, intensity=np.where(dark, 0.7 * measured.intensity, measured.intensity).astype("f4"))
+    ev = gather(*device(unlabelled(scan), darker), frame=FRAMES, column=COLUMNS, scene=FRAMES)
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        null = fit_null(device(scan)[0], ev)
+        ranks = rank_effects(null, [get_effect(n) for n in ("beam_gain", "focal_compensation", "range_falloff")])
     assert [one.effect.name for one in ranks if one.accepted()] == []
