@@ -32,6 +32,9 @@ SHOWN_ELSEWHERE = {
 """What it means that something was found which is not said, by why."""
 NEGLIGIBLE = f"less than {RULES.negligible:.0%} of what is clearly visible"
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
+OF_MATERIALS = "no class tells materials apart, and these alone make as much"
+PLACES = ("range", "row", "height")
+"""Covariates by which materials stand: near by or far off, low or high."""
 RARELY_IF_EVER = "the interval of how often it acts holds never"
 
 
@@ -50,6 +53,8 @@ class Doubts:
     """Whether an effect that was fitted to a problem may never act, by the interval of its probability."""
     apart: Sequence[int] = ()
     """Classes whose surfaces are partly others on the two sides."""
+    classless: bool = False
+    """Whether the simulated frames tell no classes."""
 
     def against(self, step: FittedStep, beside: Problem, *, null: Problem) -> str:
         """Why an effect that would be added to the problem `beside` is none after all; empty where it is one."""
@@ -59,6 +64,9 @@ class Doubts:
     def against_curve(self, along: Dependence, curve: Candidate, problem: Problem) -> str:
         """Why a free curve that was fitted to a problem is not said; empty where no other sides show it."""
         asked = self._others(by_chance=along.channel == "drop")
+        by_place = along.channel == "intensity" and along.covariate in PLACES
+        if by_place and self._little(curve, problem):
+            return OF_MATERIALS
         return next((sides.why for other in asked if (sides := other()).has_curve(problem, along, curve)), "")
 
     def _others(self, *, by_chance: bool) -> Sequence[Callable[[], OtherSides]]:
@@ -79,6 +87,8 @@ class Doubts:
             yield NEGLIGIBLE
         if effect.name == "range_noise" and not self.noise_grows():
             yield UNFOUNDED
+        if goes_by_place(effect) and self._little(step.chosen, null):
+            yield OF_MATERIALS
         if alone := denied_without(step, beside):
             yield f"{DENIED} {alone}"
         if alone := outdone_in(step, beside):
@@ -91,6 +101,13 @@ class Doubts:
         if not step.chosen.sudden and self.may_never_act(step, beside):
             yield RARELY_IF_EVER
 
+    def _little(self, found: Candidate, problem: Problem) -> bool:
+        """Whether materials that no class tells apart gain as much as what was found, ray by ray."""
+        if not self.classless:
+            return False
+        compared = int(np.asarray(problem.ev.compared).sum())
+        return found.total < RULES.materials_nats * compared / 1000
+
     def _noisier(self, effect: Law) -> bool:
         """Whether neighbouring readings show for certain that the measured side has this noise and the other has not:
         what both have cannot, for the sides exchanged would show the reverse."""
@@ -98,6 +115,11 @@ class Doubts:
 
 
 NO_DOUBTS = Doubts()
+
+
+def goes_by_place(effect: Law) -> bool:
+    """Whether an effect changes intensities alone, by where surfaces stand: materials look like that."""
+    return effect.channels == ("intensity",) and bool(effect.covariates) and {*effect.covariates} <= {*PLACES}
 
 
 def clutter_of(null: Problem, step: FittedStep) -> float:

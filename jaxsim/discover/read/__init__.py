@@ -70,6 +70,11 @@ class Comparison:
     """What the simulator is known to lack by itself: it is in place whatever is asked."""
 
     @property
+    def classless(self) -> bool:
+        """Whether the simulated frames tell no classes: all is of one."""
+        return len(np.unique(np.asarray(self.scan.semantic))) == 1
+
+    @property
     def other_moments(self) -> bool:
         """Whether frames of one name are of different moments."""
         return self.as_read is not None

@@ -122,6 +122,7 @@ def answer_of(
             noise_grows=cache(partial(range_noise_grows, comparison)),
             may_never_act=may_never_act,
             apart=placed.division.apart,
+            classless=comparison.classless,
         ),
         leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
         log=log,

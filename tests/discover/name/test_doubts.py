@@ -1,6 +1,7 @@
 """What speaks against an effect that passed the bar."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from jaxsim.discover.name.answer import name_effects
 from jaxsim.discover.name.doubts import (
     DENIED,
     NEGLIGIBLE,
+    OF_MATERIALS,
     OF_POSTS,
     RARELY_IF_EVER,
     SCARCE,
@@ -70,6 +72,28 @@ def test_the_first_reason_decides_and_later_ones_are_not_asked():
 def test_noise_that_grows_is_said_where_neighbouring_readings_say_so(grows, why):
     noise = step(candidate("range_noise", 9, "range"))
     assert Doubts(noise_grows=lambda: grows).against(noise, problem(), null=problem()) == why
+
+
+@pytest.mark.usefixtures("no_class")
+@pytest.mark.parametrize(
+    ("name", "each", "classless", "why"),
+    [
+        ("range_falloff", 1.2, True, OF_MATERIALS),
+        ("range_falloff", 1.3, True, ""),
+        ("range_falloff", 1.2, False, ""),
+        ("beam_gain", 1.2, True, OF_MATERIALS),
+        ("gamma_response", 1.2, True, ""),
+    ],
+)
+def test_what_goes_by_place_must_gain_more_than_materials_make_where_no_class_tells_them_apart(
+    name, each, classless, why
+):
+    """Of eleven scenes with 2000 rays, 14 nats."""
+    seen = problem(ev=SimpleNamespace(compared=np.ones(2000, bool)))
+    held = Doubts(classless=classless)
+    assert held.against(step(candidate(name, each)), seen, null=seen) == why
+    along = Dependence("intensity", "height" if "range" in name else "intensity", 1.0, 0.0, 0.0)
+    assert held.against_curve(along, candidate("curve", each), seen) == (why if "range" in name else "")
 
 
 @pytest.mark.usefixtures("no_class")

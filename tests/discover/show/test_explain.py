@@ -8,7 +8,7 @@ import numpy as np
 from jaxsim.discover.find.division import Division
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.name.answer import Answer
-from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE, RARELY_IF_EVER
+from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE, OF_MATERIALS, RARELY_IF_EVER
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read import Comparison
@@ -97,6 +97,11 @@ def test_what_one_class_alone_shows_is_told_to_be_of_its_surfaces():
 def test_what_is_too_small_to_matter_is_told():
     [note] = told(refused={"range_scale": NEGLIGIBLE})
     assert note.startswith("found, and not said: range_scale. Each is less than 10% of what is clearly visible of it")
+
+
+def test_what_materials_make_as_well_is_told():
+    [note] = told(refused={"range_falloff": OF_MATERIALS})
+    assert note.startswith("found, and not said: range_falloff. The simulated frames tell no classes")
 
 
 def test_what_may_never_act_is_told():
