@@ -66,14 +66,17 @@ def _effect(named: Named, draw: DrawChart, shown: Sequence[tuple[str, str]]) -> 
 def _does(channel: str, change: Interval) -> str:
     """How much an effect changes on the compared rays, in words."""
     what = {"intensity": "the intensity", "range": "the range", "drop": "what returns"}[channel]
-    if channel == "range":
-        sizes = [f"{100 * value:+.1f} cm" for value in (change.value, change.low, change.high)]
-    else:
-        # What is lost is told as a change too: less returns.
-        sign = -1 if channel == "drop" else 1
-        sizes = [f"{100 * sign * value:+.1f} %" for value in (change.value, change.low, change.high)]
-    mean, low, high = [size.replace("-", "−") for size in sizes]
-    return f"On the rays compared it alone changes {what} by {mean} in the mean, nine of ten by {low} to {high}."
+    unit = "cm" if channel == "range" else "%"
+    # What is lost is told as a change too: less returns.
+    sign = -1 if channel == "drop" else 1
+
+    def told(value: float) -> str:
+        return f"{100 * sign * value:+.1f} {unit}".replace("-", "−")
+
+    return (
+        f"On the rays compared it alone changes {what} by {told(change.value)} in the mean, nine of ten by "
+        f"{told(change.low)} to {told(change.high)}."
+    )
 
 
 def _evidence(named: Named, known: Effect | None, shown: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:

@@ -172,14 +172,16 @@ class Model:
 def _axes(start: Vector, end: Vector, radius: float) -> Float[np.ndarray, "3 3"]:
     """Columns: the half axes of a ball or cylinder whose third axis runs from start to end."""
     # In plain numbers: a street has a thousand of these, and NumPy takes longer to begin than to work one out.
-    x, y, z = [float(to - at) / 2 for at, to in zip(start, end, strict=True)]
+    half = [float(to - at) / 2 for at, to in zip(start, end, strict=True)]
+    x, y, z = half
     length = math.hypot(x, y, z)
     # Any direction across will do, but for one along the axis itself.
     aside = (y, -x, 0.0) if abs(z) < 0.9 * length else (0.0, z, -y)
     share = radius / math.hypot(*aside)
-    u, v, w = [share * component for component in aside]
+    sideways = [share * component for component in aside]
+    u, v, w = sideways
     across = ((y * w - z * v) / length, (z * u - x * w) / length, (x * v - y * u) / length)
-    return np.array([[u, v, w], across, [x, y, z]]).T
+    return np.array([sideways, across, half]).T
 
 
 def _conic(axes: Float[np.ndarray, "3 3"], centre: Vector) -> Float[np.ndarray, "3 4"]:

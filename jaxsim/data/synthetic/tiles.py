@@ -92,8 +92,7 @@ def solids_by_tile(mask: _Mask, counts: tuple[int, int, int]) -> TileSolids:
     lists = [_lists(m, room) for m, room in zip(kinds, CAPACITY, strict=True)]
     met = np.stack([m.sum(axis=1) for m in kinds], axis=1).astype(np.int32)
     order = np.lexsort((met[:, 2], met[:, 1], met[:, 0]))
-    polyhedra, rounds, crowns = [each[order] for each in lists]
-    return TileSolids(order.astype(np.int32), polyhedra, rounds, crowns, met[order])
+    return TileSolids(order.astype(np.int32), lists[0][order], lists[1][order], lists[2][order], met[order])
 
 
 def in_raster(

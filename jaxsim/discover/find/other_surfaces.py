@@ -143,5 +143,6 @@ def shifted(of: np.ndarray, rows: int, columns: int) -> np.ndarray:
 
 def _amid(agreed: np.ndarray) -> np.ndarray:
     """Whether both neighbours of a ray, in its row or in its column, agree."""
-    right, left, below, above = [shifted(agreed, *by) for by in NEIGHBOURS]
-    return (right & left) | (below & above)
+    of_row = shifted(agreed, 0, 1) & shifted(agreed, 0, -1)
+    of_column = shifted(agreed, 1, 0) & shifted(agreed, -1, 0)
+    return of_row | of_column

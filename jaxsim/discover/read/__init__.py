@@ -144,7 +144,8 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
             f"{len(names)} of {len(shared)} frames were compared, spread evenly over {len(set(scenes))} scenes"
         )
     for name in names:
-        scene, other = [side.about.get(name, {}).get("scene") for side in (simulated, measured)]
+        scene = simulated.about.get(name, {}).get("scene")
+        other = measured.about.get(name, {}).get("scene")
         if None not in (scene, other) and scene != other:
             raise ValueError(
                 f"discover: {name} is of scene {scene!r} in {simulated.folder}, of {other!r} in {measured.folder}; "

@@ -98,7 +98,8 @@ def check_no_doubles(folder: Path, names: Sequence[str], *, simulated: _Side, me
 def check_sides(simulated: Path, measured: Path, *, rasters: tuple[_Rasters, _Rasters]) -> None:
     """Raises ValueError where measured frames tell angles of incidence and simulated ones do not: a sensor knows none.
     `rasters` are the further ones of the simulated and of the measured frames."""
-    known, by_sensor = [any("incidence" in of_frame for of_frame in side) for side in rasters]
+    known = any("incidence" in of_frame for of_frame in rasters[0])
+    by_sensor = any("incidence" in of_frame for of_frame in rasters[1])
     if by_sensor and not known:
         raise ValueError(
             f"discover: frames of {measured} tell the incidence of every ray, which no sensor knows, and those of "
