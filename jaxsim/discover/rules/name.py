@@ -52,8 +52,7 @@ class NameRules:
     materials_nats: float = 7.0
     """Nats a thousand compared rays up to which nothing is said of intensities by range, row or height where no class
     tells materials apart (set on bare halls and motorways of benchmarks/blind/raycast and on another maker's car parks
-    and streets, where false names gained 2 to 6; what is hidden there or in real scans gains 5 to 100).
-    """
+    and streets, where false names gained 2 to 6; of what was hidden there or in real scans few gained as little)."""
     scarce_clutter: float = 0.004
     """Share of false returns before surfaces up to which no effect is said (a judgement, not calibrated: where a
     simulator casts single rays, beams of 2.5 mrad read thin things that it misses on 0.2 to 0.35 % of the rays, and the
