@@ -33,8 +33,10 @@ SHOWN_ELSEWHERE = {
 NEGLIGIBLE = f"less than {RULES.negligible:.0%} of what is clearly visible"
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 OF_MATERIALS = "no class tells materials apart, and these alone make as much"
-PLACES = ("range", "row", "height")
-"""Covariates by which materials stand: near by or far off, low or high."""
+BY_PLACE = ("range", "row", "height")
+"""Covariates by which materials stand: near by or far off, low or high ..."""
+BY_SURFACE = (*BY_PLACE, "incidence", "class", "power", "intensity")
+"""... and those that differ from material to material."""
 RARELY_IF_EVER = "the interval of how often it acts holds never"
 
 
@@ -64,8 +66,8 @@ class Doubts:
     def against_curve(self, along: Dependence, curve: Candidate, problem: Problem) -> str:
         """Why a free curve that was fitted to a problem is not said; empty where no other sides show it."""
         asked = self._others(by_chance=along.channel == "drop")
-        by_place = along.channel == "intensity" and along.covariate in PLACES
-        if by_place and self._little(curve, problem):
+        of_surface = along.channel == "intensity" and along.covariate in BY_SURFACE
+        if of_surface and self._little(curve, problem):
             return OF_MATERIALS
         return next((sides.why for other in asked if (sides := other()).has_curve(problem, along, curve)), "")
 
@@ -87,7 +89,7 @@ class Doubts:
             yield NEGLIGIBLE
         if effect.name == "range_noise" and not self.noise_grows():
             yield UNFOUNDED
-        if goes_by_place(effect) and self._little(step.chosen, null):
+        if goes_by(effect, BY_SURFACE) and effect.name not in FINEST and self._little(step.chosen, null):
             yield OF_MATERIALS
         if alone := denied_without(step, beside):
             yield f"{DENIED} {alone}"
@@ -117,9 +119,9 @@ class Doubts:
 NO_DOUBTS = Doubts()
 
 
-def goes_by_place(effect: Law) -> bool:
-    """Whether an effect changes intensities alone, by where surfaces stand: materials look like that."""
-    return effect.channels == ("intensity",) and bool(effect.covariates) and {*effect.covariates} <= {*PLACES}
+def goes_by(effect: Law, covariates: Sequence[str]) -> bool:
+    """Whether an effect changes intensities alone, by these covariates alone: of some materials look like that."""
+    return effect.channels == ("intensity",) and bool(effect.covariates) and {*effect.covariates} <= {*covariates}
 
 
 def clutter_of(null: Problem, step: FittedStep) -> float:

@@ -50,9 +50,10 @@ class NameRules:
     simulators made of them, which are not kept; hidden effects of `benchmarks/blind` are mostly over twice as large).
     """
     materials_nats: float = 7.0
-    """Nats a thousand compared rays up to which nothing is said of intensities by range, row or height where no class
-    tells materials apart (set on bare halls and motorways of benchmarks/blind/raycast and on another maker's car parks
-    and streets, where false names gained 2 to 6; of what was hidden there or in real scans few gained as little)."""
+    """Nats a thousand compared rays up to which nothing is said of intensities by range, row, height, angle or
+    brightness where no class tells materials apart (set on bare halls and motorways of benchmarks/blind/raycast and on
+    another maker's car parks and streets, where false names gained 2 to 6; of what was hidden there or in real scans
+    few gained as little)."""
     scarce_clutter: float = 0.004
     """Share of false returns before surfaces up to which no effect is said (a judgement, not calibrated: where a
     simulator casts single rays, beams of 2.5 mrad read thin things that it misses on 0.2 to 0.35 % of the rays, and the

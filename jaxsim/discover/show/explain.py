@@ -15,6 +15,7 @@ from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.doubts import (
+    BY_PLACE,
     NEGLIGIBLE,
     OF_MATERIALS,
     OF_POSTS,
@@ -22,7 +23,7 @@ from jaxsim.discover.name.doubts import (
     RARELY_IF_EVER,
     SHOWN_ELSEWHERE,
     UNFOUNDED,
-    goes_by_place,
+    goes_by,
 )
 from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
@@ -41,9 +42,9 @@ REFUSED = {
     "too small to matter, and as much comes of rounding, smoothing or a surface's model",
     UNFOUNDED: "Weak echoes lie farther from the prediction, but the noise of neighbouring readings does not grow as "
     "echoes weaken: what grows is what the simulator does not know of grazing surfaces and of the sensor's pose",
-    OF_MATERIALS: "The simulated frames tell no classes: where one material stands near by or low and another far off "
-    "or high, and the simulator has one of them a little too bright, that gains as much. Frames with `semantic` tell "
-    "the two apart",
+    OF_MATERIALS: "The simulated frames tell no classes: where one material stands near by, low or slanted and another "
+    "far off, high or upright, and the simulator has one of them a little too bright, that gains as much. Frames with "
+    "`semantic` tell the two apart",
     RARELY_IF_EVER: "The 90 % interval of how often it acts holds never: what a few rays of some scenes show beside "
     "edges and bright things is not enough to say that the sensor does it",
     OF_POSTS: "Glare goes round a very bright target, and is read straight below it alone: there stands a post, which "
@@ -265,7 +266,7 @@ def _capital(sentence: str) -> str:
 
 def _of_places(comparison: Comparison, answer: Answer) -> Iterator[str]:
     """Effects that materials look like, where the simulator tells no classes."""
-    by_place = [step.chosen.effect for step in answer.choice.steps if goes_by_place(step.chosen.effect)]
+    by_place = [step.chosen.effect for step in answer.choice.steps if goes_by(step.chosen.effect, BY_PLACE)]
     if by_place and comparison.classless:
         yield (
             f"{', '.join(effect.plain_name for effect in by_place)}: the simulated frames tell no classes. Where one "

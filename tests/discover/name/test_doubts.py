@@ -8,6 +8,7 @@ import pytest
 
 from jaxsim.discover.find.covariates import Dependence
 from jaxsim.discover.find.division import Division, NullModel
+from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name import doubts
 from jaxsim.discover.name.answer import name_effects
 from jaxsim.discover.name.doubts import (
@@ -82,18 +83,22 @@ def test_noise_that_grows_is_said_where_neighbouring_readings_say_so(grows, why)
         ("range_falloff", 1.3, True, ""),
         ("range_falloff", 1.2, False, ""),
         ("beam_gain", 1.2, True, OF_MATERIALS),
-        ("gamma_response", 1.2, True, ""),
+        ("gamma_response", 1.2, True, OF_MATERIALS),
+        ("gamma_response", 1.3, True, ""),
+        ("window_contamination", 1.2, True, ""),
+        ("intensity_quantization", 1.2, True, ""),
     ],
 )
-def test_what_goes_by_place_must_gain_more_than_materials_make_where_no_class_tells_them_apart(
+def test_what_goes_by_surfaces_must_gain_more_than_materials_make_where_no_class_tells_them_apart(
     name, each, classless, why
 ):
     """Of eleven scenes with 2000 rays, 14 nats."""
     seen = problem(ev=SimpleNamespace(compared=np.ones(2000, bool)))
     held = Doubts(classless=classless)
     assert held.against(step(candidate(name, each)), seen, null=seen) == why
-    along = Dependence("intensity", "height" if "range" in name else "intensity", 1.0, 0.0, 0.0)
-    assert held.against_curve(along, candidate("curve", each), seen) == (why if "range" in name else "")
+    along = Dependence("intensity", "azimuth" if "window" in name else "height", 1.0, 0.0, 0.0)
+    if name not in FINEST:
+        assert held.against_curve(along, candidate("curve", each), seen) == why
 
 
 @pytest.mark.usefixtures("no_class")
