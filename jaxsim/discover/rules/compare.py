@@ -105,8 +105,8 @@ class CompareRules:
     """... and planes are where they scatter less than this share (a judgement, not calibrated) ..."""
     noise_growth: float = 1.2
     """... whose weakest third of echoes must scatter by more than this ratio, in squares, as the strongest third does
-    (a judgement, not calibrated: even noise on streets and yards of another maker's seemed to grow by 1.07, the
-    catalogue's of severity 2 grows by 2.5, tests/discover/find/test_levels.py)."""
+    (a judgement, not calibrated: between even noise on yards of another maker's and the catalogue's of severity 2;
+    tests/discover/find/test_levels.py)."""
     common_noise: float = 0.5
     """Share of the simulator's noise, in squares, above which what the measured readings have in common with it at the
     same rays is noise of neither (a judgement, not calibrated: independent noise has nothing in common, and where one

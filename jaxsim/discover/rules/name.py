@@ -51,9 +51,9 @@ class NameRules:
     """
     materials_nats: float = 7.0
     """Nats a thousand compared rays up to which nothing is said of intensities by range, row, height, angle or
-    brightness where no class tells materials apart (set on bare halls and motorways of benchmarks/blind/raycast and on
-    another maker's car parks and streets, where false names gained 2 to 6; of what was hidden there or in real scans
-    few gained as little)."""
+    brightness where no class tells materials apart (set on false names in the bare halls and motorways of
+    benchmarks/blind/measured/worlds_bare/before.jsonl and in another maker's car parks and streets; of what was hidden
+    there or in real scans little gains less)."""
     scarce_clutter: float = 0.004
     """Share of false returns before surfaces up to which no effect is said (a judgement, not calibrated: where a
     simulator casts single rays, beams of 2.5 mrad read thin things that it misses on 0.2 to 0.35 % of the rays, and the

@@ -243,13 +243,16 @@ def _of_the_simulator(comparison: Comparison, division: Division) -> Iterator[st
 
 def _not_said(answer: Answer) -> Iterator[str]:
     """What was found and yet is no part of the answer, each with why."""
-    passed = {why: [name for name, reason in answer.elsewhere if reason == why] for _, why in answer.elsewhere}
+
+    def passed(why: str) -> list[str]:
+        return [name for name, reason in answer.elsewhere if reason == why]
+
     for why, meaning in SHOWN_ELSEWHERE.items():
-        if names := passed.get(why):
+        if names := passed(why):
             yield _found(names, f"{_capital(why)}: so it is {meaning}")
     for why, meaning in REFUSED.items():
         # Curves that were passed over are told beside effects.
-        if names := [*answer.refused_for(why), *passed.get(why, [])]:
+        if names := [*answer.refused_for(why), *passed(why)]:
             yield _found(names, meaning)
     for name, why in answer.denied:
         yield _found([name], f"{_capital(why)}. {NOT_ONE if why.startswith(OUTDONE) else OF_SURFACES}")

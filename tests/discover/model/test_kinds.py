@@ -98,24 +98,27 @@ def test_a_table_that_is_wrong_is_no_law_of_intensities(frames):
     assert [one.effect.name for one in ranks if one.accepted()] == []
 
 
-def test_a_floor_darker_than_its_table_is_no_effect_where_no_class_tells_it(frames):
-    scan, measured = frames
-    road = np.asarray(scan.semantic) == 7
-    darker = replace(measured, intensity=np.where(road, 0.8 * measured.intensity, measured.intensity).astype("f4"))
-    ev = gather(*device(unlabelled(scan), darker), frame=FRAMES, column=COLUMNS, scene=FRAMES)
+def accepted(scan, measured, *names):
+    """Those effects that are accepted where the frames tell no classes."""
+    ev = gather(*device(unlabelled(scan), measured), frame=FRAMES, column=COLUMNS, scene=FRAMES)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         null = fit_null(device(scan)[0], ev)
-        ranks = rank_effects(null, [get_effect(n) for n in ("gamma_response", "incidence_cosine", "beam_gain")])
-    assert [one.effect.name for one in ranks if one.accepted()] == []
+        return [one.effect.name for one in rank_effects(null, [get_effect(n) for n in names]) if one.accepted()]
+
+
+def dimmed(measured, where, factor):
+    """The readings with those of some rays multiplied."""
+    return replace(measured, intensity=np.where(where, factor * measured.intensity, measured.intensity).astype("f4"))
+
+
+def test_a_floor_darker_than_its_table_is_no_effect_where_no_class_tells_it(frames):
+    scan, measured = frames
+    darker = dimmed(measured, np.asarray(scan.semantic) == 7, 0.8)
+    assert accepted(scan, darker, "gamma_response", "incidence_cosine", "beam_gain") == []
 
 
 def test_walls_whose_lower_part_is_of_another_material_are_no_effect_where_no_class_tells_it(frames):
     scan, measured = frames
     height_m = scan.range_m * np.sin(np.asarray(scan.grid.elevation_rad))[:, None]
-    dark = (np.asarray(scan.semantic) == 11) & (height_m < -0.6)
-    darker = replace(measured, intensity=np.where(dark, 0.7 * measured.intensity, measured.intensity).astype("f4"))
-    ev = gather(*device(unlabelled(scan), darker), frame=FRAMES, column=COLUMNS, scene=FRAMES)
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        null = fit_null(device(scan)[0], ev)
-        ranks = rank_effects(null, [get_effect(n) for n in ("beam_gain", "focal_compensation", "range_falloff")])
-    assert [one.effect.name for one in ranks if one.accepted()] == []
+    darker = dimmed(measured, (np.asarray(scan.semantic) == 11) & (height_m < -0.6), 0.7)
+    assert accepted(scan, darker, "beam_gain", "focal_compensation", "range_falloff") == []
