@@ -121,7 +121,7 @@ def save_answer(folder: Path, result: Any) -> None:
     """Writes what `jaxsim discover` writes, the time left out; the case is made anew by its seed and goes."""
     result = replace(result, verdict=replace(result.verdict, seconds=0.0))
     result.verdict.save(folder)
-    result.sensor.save(folder / "sensor.json")
+    result.effects_model.save(folder / "sensor.json")
     write_text(folder / "report.sha256", hashlib.sha256(write_report(folder, result).read_bytes()).hexdigest())
     shutil.rmtree(folder / "case")
     (folder / "case.key.json").unlink()

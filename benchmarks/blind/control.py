@@ -74,7 +74,7 @@ def run(job: Job, folder: Path, settings: Row) -> Row:
     began = time.process_time()
     answered = discover(read_comparison(*before))
     answered.verdict.save(case / "answer")
-    answered.sensor.save(case / "answer" / "sensor.json")
+    answered.effects_model.save(case / "answer" / "sensor.json")
     write_sides(case / "answer", *before)
     comparison = read_comparison(*now)
     alone = score_of(key, comparison)

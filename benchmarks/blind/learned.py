@@ -92,7 +92,7 @@ def run(job: Job, folder: Path) -> Row:
         "code": code_version(),
         "channel": kind.channel,
         "covariates": list(kind.covariates),
-        "learned": [law.name for law in added.sensor.learned],
+        "learned": [law.name for law in added.effects_model.learned],
         "repeats": [one.repeat.formula for one in repeats],
         "gained": float(gained),
         "truth": float(judge_gains(every, [(truth_law(truth, kind.channel, null.scan), {})])[k]),

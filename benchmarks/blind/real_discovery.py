@@ -113,7 +113,7 @@ def _join(folders: Sequence[tuple[Path, Path]], case: Path) -> None:
 def answer(case: Path, nulls: int) -> Verdict:
     """Discovers, writes the report, and prints the verdict as docs/discover-rates.md has it."""
     result = discover_folders(simulated=case / "simulated", measured=case / "measured", nulls=nulls)
-    result.sensor.save(case / "sensor.json")
+    result.effects_model.save(case / "sensor.json")
     write_report(case, result)
     verdict = result.verdict
     verdict.save(case)

@@ -123,7 +123,7 @@ def bias(effect: Effect, found: Mapping[str, Any], true: Mapping[str, Any]) -> f
     parts: list[tuple[np.ndarray, np.ndarray]] = []
     for name, value in true.items():
         p = effect.parameters.get(name)
-        if p is None or not p.fitted or name not in found:
+        if p is None or not p.to_fit or name not in found:
             continue
         t = np.array([np.nan if v is None else v for v in np.atleast_1d(np.array(value, object))], float)
         f = np.broadcast_to(np.asarray(found[name], float), t.shape)

@@ -24,7 +24,7 @@ from jaxsim.geometry.rasters import close_gaps
 from jaxsim.prepare.denoise.lidia import Lidia
 from jaxsim.prepare.denoise.lidia.denoiser import apply_and_learn, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
-from jaxsim.studies.segmentation.networks import descend
+from jaxsim.train.in_memory import descend
 from jaxsim.weights import RUNNING, Values
 
 _State = tuple[Values, Any]

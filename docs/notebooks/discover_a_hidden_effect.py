@@ -56,7 +56,7 @@ result
 
 # %%
 print([effect.name for effect in result.verdict.effects], result.verdict.verdict)
-result.sensor.save(CASE / "sensor.json")
+result.effects_model.save(CASE / "sensor.json")
 
 # %% [markdown]
 # Now open the key.

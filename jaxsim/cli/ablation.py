@@ -14,6 +14,7 @@ from jaxsim.config import Experiment
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.files import working_in
 from jaxsim.metrics.inception import open_extractor
+from jaxsim.runs.kinds import kind_of
 from jaxsim.runs.run import load_run
 from jaxsim.studies.ablation import besides, compare_networks, train_all
 
@@ -68,7 +69,9 @@ def ablation(args: Ablation, *, flags: Sequence[str] = ()) -> None:
     if args.train:
         asked, _ = parse_experiment([args.train, *flags])
         if not isinstance(asked, Experiment):
-            raise ValueError(f"ablation: {args.train} trains no intensity network; give one that does")
+            raise ValueError(
+                f"ablation: {args.train} trains {kind_of(asked).name}; give one that trains an intensity network"
+            )
         folders = train_all(args.train, args.out, flags, more=besides(asked.prepare.inputs))
     unmeasured = None
     if args.also.foreign:

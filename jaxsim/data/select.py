@@ -33,12 +33,12 @@ def select(text: str, dataset: Sized) -> list[int]:
     return chosen
 
 
-def frames_to_judge(frames: str, dataset: Sized, *, validation: str) -> list[int]:
-    """The positions that `frames` names; where it is empty, those that `validation` names; all where both are.
+def select_or_all(text: str, dataset: Sized) -> list[int]:
+    """The positions that a text names; all where it is empty.
 
     Raises ValueError as `select`.
     """
-    return select(frames or validation or f"0-{len(dataset) - 1}", dataset)
+    return select(text, dataset) if text else list(range(len(dataset)))
 
 
 def _range(text: str, part: str, length: int) -> range:

@@ -41,12 +41,12 @@ class Added:
     refits: tuple[Refit, ...]
     parameters: tuple[dict[str, Interval | tuple[Interval, ...]], ...]
     """Parameters of each effect, with their intervals."""
-    sensor: SensorModel
+    effects_model: SensorModel
     law_refits: tuple[Refit, ...] = ()
     """The learned law, fitted with them."""
     learned: LearnedFit | None = None
     repeated: tuple[Law, ...] = ()
-    """What repeats in sensor coordinates, as laws without parameters; part of `sensor` too."""
+    """What repeats in sensor coordinates, as laws without parameters; part of `effects_model` too."""
 
     @property
     def chain(self) -> Chain:

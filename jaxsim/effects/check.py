@@ -90,7 +90,7 @@ def check_row(effect: Effect) -> None:
             raise ValueError(f"{kind} are {given!r}; give a tuple of {', '.join(known)}")
     if not effect.parameters or not all(isinstance(p, Parameter) for p in effect.parameters.values()):
         raise ValueError("parameters must be a dict of one Parameter or more by name")
-    if not any(p.fitted for p in effect.parameters.values()):
+    if not any(p.to_fit for p in effect.parameters.values()):
         raise ValueError("no parameter is fitted; let one be, for nothing else can tell that the effect is there")
     for key, p in effect.parameters.items():
         _check_parameter(key, p)

@@ -38,7 +38,8 @@ class Parameter:
     vector and three times it for a number (`discover.model.parameters`), unless it is `sparse`."""
     shape: Literal["scalar", "row", "class"] = "scalar"
     """row: one a beam, top first. class: one a Cityscapes id."""
-    fitted: bool = True
+    to_fit: bool = True
+    """Whether fits estimate it; given once for all if not."""
     sparse: bool = False
     """Whether most entries of a vector are neutral, and a few are far off: dead beams are few."""
 

@@ -63,7 +63,7 @@ def parameter_in_words(p: Parameter) -> str:
     """Meaning, shape, bounds and neutral value of a parameter."""
     many = {"scalar": "", "row": " (one a beam)", "class": " (one a class)"}[p.shape]
     unit = f" {p.unit}" if p.unit else ""
-    fixed = "" if p.fitted else "; given, not fitted"
+    fixed = "" if p.to_fit else "; given, not fitted"
     bounds = f"{few_digits(p.low)}..{few_digits(p.high)}{unit}"
     usual = f"starts from {few_digits(p.neutral)}; typical {few_digits(p.scale)}"
     return f"{p.meaning}{many}: {bounds}; {usual}{fixed}"

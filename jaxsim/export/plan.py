@@ -10,6 +10,7 @@ from typing import Any, Literal
 from jaxsim.cloud.kitti_tree import REACH_M
 from jaxsim.config import CloudRecipe, DataConfig
 from jaxsim.data import Dataset, select
+from jaxsim.data.select import select_or_all
 from jaxsim.effects.chain import SensorModel
 from jaxsim.export.clouds import grid_file
 from jaxsim.files import sha256_of
@@ -78,7 +79,7 @@ def choose_frames(dataset: Dataset, *, frames: str, validation: str) -> tuple[li
 
     Raises ValueError as `select` does, and where those that validate are not among them.
     """
-    positions = select(frames, dataset) if frames else list(range(len(dataset)))
+    positions = select_or_all(frames, dataset)
     judged = set(select(validation, dataset)) if validation else set()
     if not judged <= set(positions):
         raise ValueError(f"export: --validation {validation} names frames that --frames does not")

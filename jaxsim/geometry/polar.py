@@ -15,7 +15,7 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from jaxsim.frame import Array, Cloud, PolarGrid, PolarImage
 from jaxsim.products import matmul
@@ -265,16 +265,20 @@ def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"
 def pad_cloud(cloud: Cloud, multiple: int = FILLED_TO) -> Cloud:
     """The cloud (n points, host memory) with invalid points behind it, filled up to a multiple."""
     missing = -cloud.intensity.shape[-1] % multiple
-    return jax.tree.map(lambda leaf: np.pad(leaf, [(0, missing), *[(0, 0)] * (leaf.ndim - 1)]), cloud)
+    return jax.tree.map(lambda leaf: _followed_by(leaf, missing), cloud)
 
 
 def pad_points(
     points: Float[np.ndarray, "n c"], room: int
 ) -> tuple[Float[np.ndarray, "room c"], Bool[np.ndarray, " room"]]:
     """Points with zeros behind them, and which of them are real; `room` is n or more."""
-    padded = np.zeros((room, points.shape[1]), np.float32)
-    padded[: len(points)] = points
+    padded = _followed_by(np.asarray(points, np.float32), room - len(points))
     return padded, np.arange(room) < len(points)
+
+
+def _followed_by(values: Shaped[np.ndarray, "n *c"], missing: int) -> Shaped[np.ndarray, "m *c"]:
+    """Values with so many zeros behind the last."""
+    return np.pad(values, [(0, missing), *[(0, 0)] * (values.ndim - 1)])
 
 
 def room_for(points: int, multiple: int = FILLED_TO) -> int:

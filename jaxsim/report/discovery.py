@@ -47,7 +47,7 @@ def write_report(folder: Path, result: Result) -> Path:
 def write_answer(folder: Path, result: Result) -> Path:
     """Writes all that a discovery leaves: sensor.json, the report with its figures and, last, verdict.json. Gives the
     path of the page."""
-    result.sensor.save(folder / "sensor.json")
+    result.effects_model.save(folder / "sensor.json")
     written = write_report(folder, result)
     result.verdict.save(folder)
     return written

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from jaxsim.data import select
-from jaxsim.data.select import frames_to_judge
+from jaxsim.data.select import select_or_all
 from jaxsim.files import check_name, parse_settings, placed, read_json, replacing
 
 _log = logging.getLogger(__name__)
@@ -138,5 +138,5 @@ def judges_of(recorded: RunFrames | None, dataset: Any, *, frames: str, validati
     Warns as `positions_of`. Raises ValueError as `positions_of` and `select`.
     """
     if frames or not validation:
-        return frames_to_judge(frames, dataset, validation=validation)
+        return select_or_all(frames, dataset)
     return positions_of(recorded and recorded.validation, dataset, text=validation, part="validation")

@@ -4,6 +4,7 @@ loop, training              the loop, which reads top to bottom; what it needs o
 intensity, detector, depth  the builders
 intensity_batch             pairs as the intensity network's train step takes them
 experiments                 experiments by name or by file
+in_memory                   small networks that are no runs of their own
 join                        one run of several that differ in their seed
 """
 

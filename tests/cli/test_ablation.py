@@ -82,7 +82,7 @@ def test_runs_that_differ_in_more_than_their_inputs_are_refused(runs, work):
         (Ablation(), (), "either --runs FOLDER"),
         (Ablation(runs=(Path("a"),), train="ablation"), (), "either --runs FOLDER"),
         (Ablation(runs=(Path("a"),)), ("--optim.steps", "3"), "give --train EXPERIMENT"),
-        (Ablation(train="penet_synthetic"), (), "penet_synthetic trains no intensity network"),
+        (Ablation(train="penet_synthetic"), (), "penet_synthetic trains a depth completion network"),
         (Ablation(runs=(Path("nowhere"),)), (), "no config.json in nowhere"),
         (Ablation(runs=(Path("a"),), fid="nowhere.npz"), (), "nowhere.npz"),
     ],

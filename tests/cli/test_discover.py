@@ -83,7 +83,7 @@ def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeyp
     assert {path.name for path in out.iterdir()} == written
     verdict = json.loads((out / "verdict.json").read_text())
     assert verdict["verdict"] == make().verdict.verdict
-    assert SensorModel.load(out / "sensor.json", rows=results.ROWS) == make().sensor
+    assert SensorModel.load(out / "sensor.json", rows=results.ROWS) == make().effects_model
     printed = capsys.readouterr().out
     assert "fitting" in printed
     assert "The simulation lacks" in printed or "No missing effect" in printed

@@ -188,5 +188,5 @@ def test_another_gain_for_every_beam_is_found_beside_a_run(tmp_path: Path):
             simulated=tmp_path / "simulated", measured=tmp_path / "measured", effects=("beam_gain", "range_falloff")
         )
     assert [effect.name for effect in result.verdict.effects] == ["beam_gain"]
-    found = np.asarray(dict(result.sensor.effects)["beam_gain"]["gain"])
+    found = np.asarray(dict(result.effects_model.effects)["beam_gain"]["gain"])
     assert np.corrcoef(found, gain)[0, 1] > 0.9

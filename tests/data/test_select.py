@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxsim.data.select import frames_to_judge, select
+from jaxsim.data.select import select, select_or_all
 
 
 def test_ranges_and_single_numbers_keep_their_order():
@@ -79,9 +79,6 @@ def test_a_part_that_is_not_there_is_explained(text, message):
         select(text, Parted(range(7)))
 
 
-@pytest.mark.parametrize(
-    ("frames", "validation", "positions"),
-    [("1", "2-3", [1]), ("", "2-3", [2, 3]), ("", "", [0, 1, 2, 3, 4])],
-)
-def test_frames_to_judge_are_those_asked_for_then_those_that_validate_then_all(frames, validation, positions):
-    assert frames_to_judge(frames, range(5), validation=validation) == positions
+@pytest.mark.parametrize(("text", "positions"), [("1", [1]), ("2-3", [2, 3]), ("", [0, 1, 2, 3, 4])])
+def test_no_frames_named_are_all_of_them(text, positions):
+    assert select_or_all(text, range(5)) == positions

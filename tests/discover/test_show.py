@@ -8,7 +8,14 @@ import pytest
 from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.show import WHY_NOT, gap_with, judged_by_reported, sensor_of, with_placed, without_unconfirmed
+from jaxsim.discover.show import (
+    WHY_NOT,
+    effects_model_of,
+    gap_with,
+    judged_by_reported,
+    with_placed,
+    without_unconfirmed,
+)
 from jaxsim.discover.verdict import CurveLine, Interval
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
@@ -118,11 +125,11 @@ def test_a_mounting_is_named_before_what_was_found_with_it_in_place():
     assert [e.name for e in one.effects] == ["extrinsic_rotation", "beam_gain"]
     assert one.notes[-1] == "extrinsic_rotation: by its ranges"
     assert with_placed(one, (), how="not at all") is one
-    model = sensor_of(one, added, SensorModel())
+    model = effects_model_of(one, added, SensorModel())
     assert model.effects == (("extrinsic_rotation", {"yaw_rad": 0.02}), ("beam_gain", {"gain": (0.1,)}))
     alone = with_placed(without_unconfirmed(verdict(-1, GAIN)), (turn,), how="")
     assert (alone.verdict, len(alone.effects), alone.unconfirmed) == ("named", 1, (GAIN,))
-    assert [name for name, _ in sensor_of(alone, added, SensorModel()).effects] == ["extrinsic_rotation"]
+    assert [name for name, _ in effects_model_of(alone, added, SensorModel()).effects] == ["extrinsic_rotation"]
     unsure = with_placed(replace(verdict(-1), ranking=()), (), (turn,), how="")
     assert (unsure.verdict, unsure.unconfirmed) == ("none", (turn,))
 
@@ -133,7 +140,7 @@ def test_what_is_not_confirmed_leaves_no_region_behind():
     assert (one.unconfirmed, one.regimes) == ((GAIN,), ())
     known = SensorModel((("random_dropout", {"probability": 0.1}),), regions={"random_dropout": half})
     added = SensorModel((*known.effects, ("beam_gain", {"gain": 0.1})), regions={**known.regions, "beam_gain": late})
-    assert sensor_of(one, added, known) == known
+    assert effects_model_of(one, added, known) == known
     stays = replace(verdict(0.5, GAIN), regimes=(regime(late),))
     assert without_unconfirmed(stays).regimes
-    assert sensor_of(stays, added, known) is added
+    assert effects_model_of(stays, added, known) is added

@@ -68,7 +68,7 @@ def test_the_rows_are_where_simulation_and_measurement_disagree(gains, compariso
 def test_its_gains_are_those_that_were_hidden(gains):
     key, result, _ = gains
     truth = np.asarray(key.effects[0]["parameters"]["gain"])
-    found = np.asarray(dict(result.sensor.effects)["beam_gain"]["gain"])
+    found = np.asarray(dict(result.effects_model.effects)["beam_gain"]["gain"])
     assert np.corrcoef(truth, found)[0, 1] > 0.9
 
 
@@ -92,9 +92,9 @@ def test_what_moved_lists_noise_gain_and_reflectances(gains):
 
 def test_with_the_answer_fed_back_there_is_nothing_more(gains, comparison):
     first = gains[1]
-    again = discover(comparison, effects=FEW, known=first.sensor)
+    again = discover(comparison, effects=FEW, known=first.effects_model)
     assert again.verdict.verdict == "none"
-    assert again.sensor == first.sensor
+    assert again.effects_model == first.effects_model
     assert any(note.startswith("beside what the sensor model already had: beam_gain,") for note in again.verdict.notes)
     before, after = first.verdict.gap["intensity"].after, again.verdict.gap["intensity"].before
     assert after == pytest.approx(before, rel=0.02)
@@ -102,8 +102,8 @@ def test_with_the_answer_fed_back_there_is_nothing_more(gains, comparison):
 
 def test_the_sensor_model_goes_through_its_file(gains, tmp_path):
     _, result, _ = gains
-    result.sensor.save(tmp_path / "sensor.json")
-    assert SensorModel.load(tmp_path / "sensor.json", rows=24) == result.sensor
+    result.effects_model.save(tmp_path / "sensor.json")
+    assert SensorModel.load(tmp_path / "sensor.json", rows=24) == result.effects_model
 
 
 def test_the_verdict_is_plain_json(gains):
@@ -128,7 +128,7 @@ def test_where_nothing_is_hidden_nothing_is_named(tmp_path, standard_promotion, 
     verdict = result.verdict
     assert score(key, verdict.to_json())["right"]
     assert (verdict.repeats, verdict.learned, verdict.law) == ((), (), None)
-    assert result.sensor.effects == ()
+    assert result.effects_model.effects == ()
 
 
 def test_a_negative_number_of_nulls_is_refused(comparison):
@@ -178,7 +178,7 @@ def test_frames_simulated_anew_with_the_hidden_gains_lack_nothing(gains, tmp_pat
     simulate_anew(folder / "simulated", tmp_path / "anew", model)
     result = discover_folders(simulated=tmp_path / "anew", measured=folder / "measured", effects=FEW)
     assert json.loads(json.dumps(result.verdict.to_json()))["verdict"] == "none"
-    assert result.sensor.effects == ()
+    assert result.effects_model.effects == ()
 
 
 @pytest.mark.parametrize("entry", [discover, discover_unpaired, disagreements, judge_known])

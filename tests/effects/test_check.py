@@ -31,7 +31,7 @@ def parameter(neutral: object = 0.0, low: object = 0.0, high: object = 1.0, scal
         ({"parameter": parameter(low=1.0, high=0.0)}, r"share has bounds 1\.\.0; the lower must come first"),
         ({"parameter": parameter(scale=0.0)}, "share has scale 0"),
         ({"parameter": parameter(high="float('inf')")}, "all must be finite"),
-        ({"parameter": parameter(more=", fitted=False")}, "no parameter is fitted"),
+        ({"parameter": parameter(more=", to_fit=False")}, "no parameter is fitted"),
         ({"apply": 'apply, starts=({"share": 2.0},)'}, r"share is 2; it must lie in 0\.\.1"),
     ],
 )

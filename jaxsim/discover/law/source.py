@@ -219,5 +219,5 @@ def _parameter(law: ClosedLaw, name: str) -> str:
     # The gain takes a level of intensities up; a place of a step has no derivative.
     free = not (name == "edge" or (name == "level" and law.channel == "intensity"))
     numbers = ", ".join(f"{number:.6g}" for number in bounds)
-    given = "" if free else ", fitted=False"
+    given = "" if free else ", to_fit=False"
     return f"        {name!r}: Parameter({numbers}, {parameter.unit!r}, {meaning!r}, scale={scale:.6g}{given}),"

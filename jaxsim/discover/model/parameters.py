@@ -42,12 +42,12 @@ class Prior(NamedTuple):
 
 def fitted_parameters(effect: Law) -> dict[str, Parameter]:
     """The parameters that fits may change, by name in the effect's order; the others stay neutral."""
-    return {name: p for name, p in effect.parameters.items() if p.fitted}
+    return {name: p for name, p in effect.parameters.items() if p.to_fit}
 
 
 def to_values(effect: Law, z: dict[str, Array]) -> dict[str, Any]:
     """All parameters in their units; differentiable in z."""
-    values: dict[str, Any] = {name: p.neutral for name, p in effect.parameters.items() if not p.fitted}
+    values: dict[str, Any] = {name: p.neutral for name, p in effect.parameters.items() if not p.to_fit}
     return values | {name: p.neutral + p.scale * z[name] for name, p in fitted_parameters(effect).items()}
 
 

@@ -98,8 +98,8 @@ def _shortfall(step: FittedStep, problem: Problem) -> tuple[int, float]:
     for kind in kinds[counts >= RULES.class_least_share * counts.sum()]:
         alone = replace(problem, ev=leaving_out(problem.ev, semantic != kind))
         more = replace(problem, ev=leaving_out(twice, semantic != kind))
-        got = float(clipped(as_fitted(step, alone)).sum())
-        due = (float(clipped(as_fitted(step, more)).sum()) - got) / 2
+        got = float(clipped(gains_as_fitted(step, alone)).sum())
+        due = (float(clipped(gains_as_fitted(step, more)).sum()) - got) / 2
         by = (due - got) / np.sqrt(max(2 * due, 1.0))
         if by > most:
             worst, most = int(kind), float(by)
@@ -109,7 +109,7 @@ def _shortfall(step: FittedStep, problem: Problem) -> tuple[int, float]:
 def _lose(step: FittedStep, rest: Problem) -> bool:
     """Whether scenes agree that a part of the rays loses by an effect."""
     # A look at the fit as it is costs little, and mostly decides.
-    if as_fitted(step, rest).sum() >= 0:
+    if gains_as_fitted(step, rest).sum() >= 0:
         return False
     lost = clipped(-gained(step, rest))
     return bool(lost.sum() > RULES.bar_nats and p_value(lost) <= RULES.denied_level)
@@ -118,7 +118,7 @@ def _lose(step: FittedStep, rest: Problem) -> bool:
 def _fall_short(step: FittedStep, rest: Problem, more: Problem) -> bool:
     """Whether a part of the rays gains far less by an effect than it would if that were there; `more` has it once more
     (`once_more`)."""
-    for gains in (as_fitted, gained):
+    for gains in (gains_as_fitted, gained):
         by_scene = gains(step, rest)
         due = float((gains(step, more) - by_scene).sum()) / 2
         got = float(clipped(by_scene).sum())
@@ -128,7 +128,7 @@ def _fall_short(step: FittedStep, rest: Problem, more: Problem) -> bool:
     return True
 
 
-def as_fitted(step: FittedStep, rest: Problem) -> Float[np.ndarray, " s"]:
+def gains_as_fitted(step: FittedStep, rest: Problem) -> Float[np.ndarray, " s"]:
     """What an effect gains in each scene of a part of the rays, nats, with the noise of all of them."""
     effect, result = step.chosen.effect, step.fit
     with_effect = score_at(effect, rest, z=result.z, noise=result.noise)

@@ -119,8 +119,8 @@ def size_of(learned: LearnedRepeat, maps: Maps) -> float:
 
 def with_repeats(added: Added, laws: Sequence[Learned]) -> Added:
     """The sensor model with the laws of what repeats, after all others."""
-    sensor = replace(added.sensor, learned=(*added.sensor.learned, *laws))
-    return replace(added, sensor=sensor, repeated=tuple(as_law(law) for law in laws))
+    effects_model = replace(added.effects_model, learned=(*added.effects_model.learned, *laws))
+    return replace(added, effects_model=effects_model, repeated=tuple(as_law(law) for law in laws))
 
 
 def with_what_repeats(answer: Answer, first: LearnedRepeat) -> Answer:

@@ -235,7 +235,7 @@ def with_placed(verdict: Verdict, sure: tuple[Named, ...], others: tuple[Named, 
     )
 
 
-def sensor_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> SensorModel:
+def effects_model_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> SensorModel:
     """What the sensor model holds after the verdict: what was `known`, the effects that it names of a mounting, and
     what was `added`, but for effects that are not confirmed."""
     named = {name for name, _ in known.effects}

@@ -83,7 +83,7 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     if np.delete(gained, BRIGHTNESS).sum() <= RULES.confirmed_nats:
         return nothing
     effects = all_named(null_model.problem, choice.steps, added)
-    of_sensor = added.sensor.effects[len(sectors.known.effects) :]
+    of_sensor = added.effects_model.effects[len(sectors.known.effects) :]
     known = replace(sectors.known, effects=(*sectors.known.effects, *compress(of_sensor, stands)))
     return OfPieces(tuple(compress(effects, stands)), known, count, drives)
 

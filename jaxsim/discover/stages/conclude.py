@@ -19,7 +19,7 @@ from jaxsim.discover.name.simulator_contrast import contrast_of_answer
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.regimes.find import Divided
 from jaxsim.discover.repeats.examine import formula_of
-from jaxsim.discover.show import judged_by_reported, sensor_of, show_gap, with_placed, without_unconfirmed
+from jaxsim.discover.show import effects_model_of, judged_by_reported, show_gap, with_placed, without_unconfirmed
 from jaxsim.discover.show.every_frame import HeldAnswer, judge_rest, rest_in_words
 from jaxsim.discover.show.explain import all_named, notes, nuisance_changes, own_candidates, ranking, why_not
 from jaxsim.discover.show.sensitivity import sensitivities
@@ -95,7 +95,7 @@ def verdict_of(
         control=InPlace(control.model.names, control.contrast_off) if control is not NO_CONTROL else None,
         objects=shown.objects,
         own=own_candidates(choice),
-        learned=added.sensor.learned[learned_before:],
+        learned=added.effects_model.learned[learned_before:],
         law=closed_law(added.learned) if added.learned else formula_of(completed.repeats),
         repeats=tuple(repeat.repeat for repeat in completed.repeats),
         every_frame=every,
@@ -127,15 +127,15 @@ def result_of(
         sure, others, regimes = named_knock(placed.knock, placed.comparison, placed.division.parts)
         verdict = with_placed(replace(verdict, regimes=(*regimes, *verdict.regimes)), sure, others, how=BY_RANGES)
     known = given.beside(control.mounting)
-    sensor = sensor_of(verdict, added.sensor, known).without(control.mounting.without(given))
+    effects_model = effects_model_of(verdict, added.effects_model, known).without(control.mounting.without(given))
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.
-    named_effects = dict(sensor.effects)
+    named_effects = dict(effects_model.effects)
     standing = [(refit.effect, refit.fit.z) for refit in added.refits if refit.effect.plain_name in named_effects]
     null = placed.found.null_model.problem
     levels = missing(shown.levels, made_by(null.ev, in_place(null, standing).ev))
     return Result(
         verdict,
-        replace(sensor, levels=levels),
+        replace(effects_model, levels=levels),
         grid,
         *shown.maps,
         shown.judged.curves,

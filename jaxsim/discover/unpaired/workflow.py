@@ -109,8 +109,8 @@ def discover_unpaired(
         notes=(*unpaired_notes(comparison, find), *of_losses),
     )
     grid = comparison.grid
-    sensor = SensorModel(tuple((effect.name, effect.values) for effect in effects))
-    return Result(verdict, sensor, grid, shown.maps_before, shown.maps_after, shown.curves)
+    effects_model = SensorModel(tuple((effect.name, effect.values) for effect in effects))
+    return Result(verdict, effects_model, grid, shown.maps_before, shown.maps_after, shown.curves)
 
 
 def unpaired_gap(problem: Conditional, steps: Sequence[Step[UnpairedCandidate]], refined: Refined) -> Judged:

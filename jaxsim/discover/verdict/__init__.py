@@ -258,7 +258,7 @@ class Result:
     expected."""
 
     verdict: Verdict
-    sensor: SensorModel
+    effects_model: SensorModel
     grid: PolarGrid
     maps_before: dict[str, Float[np.ndarray, "r c"]]
     maps_after: dict[str, Float[np.ndarray, "r c"]]

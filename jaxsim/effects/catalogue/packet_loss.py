@@ -23,7 +23,7 @@ EFFECT = Effect(
     formula="groups of `columns` columns are lost with a probability, anew in each frame",
     parameters={
         "probability": Parameter(0.0, 0.0, 0.5, "", "share of groups lost", scale=0.05),
-        "columns": Parameter(4.0, 1.0, 32.0, "columns", "in a group", scale=4.0, fitted=False),
+        "columns": Parameter(4.0, 1.0, 32.0, "columns", "in a group", scale=4.0, to_fit=False),
     },
     channels=("drop",),
     signature="Whole columns are missing side by side, others each frame.",

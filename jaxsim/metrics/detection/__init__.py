@@ -5,7 +5,7 @@ thresholds come from a first matching, precision and recall from a second.
 
     matching.py  what counts, overlaps, and who is matched with whom        files.py    labels and results
 
-Figures: TP pairs in which both count; FP detections that count, are not matched, and (in the image) lie in no
+Figures: TP matches in which both count; FP detections that count, are not matched, and (in the image) lie in no
 DontCare region; FN labels that count and are not matched.
 """
 
@@ -26,16 +26,16 @@ from jaxsim.metrics.detection.matching import (
     PRINTED_COLUMNS,
     SCORED,
     SLOTS,
+    CandidateMatches,
     MatchingRules,
-    Pairs,
     assign,
+    candidate_matches,
     candidates,
     detection_flags,
     dont_care,
     has_orientation,
     in_dont_care,
     overlaps,
-    pairs_of,
     thresholds,
     truth_flags,
 )
@@ -91,7 +91,7 @@ class _Frames(NamedTuple):
 
     truth: Objects
     detections: Objects
-    pairs: Pairs
+    possible: CandidateMatches
     overlap: dict[str, Float[np.ndarray, " p"]]
     dont_care: Float[np.ndarray, " n"]
     similarity: Float[np.ndarray, " p"]
@@ -124,19 +124,19 @@ def evaluate(
             "integer levels, or score with --rules openpcdet"
         )
     regions = dont_care(truth, rules)
-    pairs = pairs_of(truth, detections, ~regions)
-    overlap = overlaps(truth, detections, pairs)
-    # A match needs an overlap above 0: pairs without any, which are most, can be forgotten.
+    possible = candidate_matches(truth, detections, ~regions)
+    overlap = overlaps(truth, detections, possible)
+    # A match needs an overlap above 0: those without any, which are most, can be forgotten.
     meet = np.max(list(overlap.values()), axis=0) > 0
-    pairs = pairs.at(meet)
+    possible = possible.at(meet)
     overlap = {name: shared[meet] for name, shared in overlap.items()}
-    alpha = truth.alpha_rad[pairs.truth] - detections.alpha_rad[pairs.detection]
+    alpha = truth.alpha_rad[possible.truth] - detections.alpha_rad[possible.detection]
     frames = _Frames(
         truth,
         detections,
-        pairs,
+        possible,
         overlap,
-        dont_care=in_dont_care(truth, detections, pairs_of(truth, detections, regions)),
+        dont_care=in_dont_care(truth, detections, candidate_matches(truth, detections, regions)),
         # Geiger et al. 2012: 1 for the same heading, 0 for the opposite one.
         similarity=(1 + np.cos(alpha)) / 2,
     )
@@ -176,24 +176,26 @@ def _count(
     of_truth, of_detection = flags
     score = frames.detections.score
     truths, countable = int((of_truth == 0).sum()), of_detection == 0
-    pairs = frames.pairs
-    match = (frames.overlap[metric] > minimum) & (of_truth[pairs.truth] >= 0) & (of_detection[pairs.detection] >= 0)
-    pairs = pairs.at(match)
+    possible = frames.possible
+    match = (
+        (frames.overlap[metric] > minimum) & (of_truth[possible.truth] >= 0) & (of_detection[possible.detection] >= 0)
+    )
+    possible = possible.at(match)
     overlap, similarity = frames.overlap[metric][match], frames.similarity[match]
-    matched = (of_truth[pairs.truth] == 0) & countable[pairs.detection]
+    matched = (of_truth[possible.truth] == 0) & countable[possible.detection]
     if not truths or not matched.any():
         none = np.zeros(0, int)
         return _Counted(np.zeros(0), none, none, none, np.zeros(0), truths, int(countable.sum()))
 
     # First pass: every label takes the highest score. The scores of what it finds become the thresholds.
-    lists = candidates(pairs, frames.truth.frame, rank=np.zeros(len(overlap), int), liking=score[pairs.detection])
+    lists = candidates(possible, frames.truth.frame, rank=np.zeros(len(overlap), int), liking=score[possible.detection])
     takes = assign(lists, score, np.array([-np.inf]))[:, 0]
     counts = takes & (of_truth[lists.truth] == 0) & countable[lists.detection]
     at = thresholds(score[lists.detection[counts]], truths)
 
     # Second pass, at every threshold: the largest overlap; an ignored detection, the first, where there is no other.
-    ignored = of_detection[pairs.detection]
-    lists = candidates(pairs, frames.truth.frame, rank=ignored, liking=np.where(ignored == 0, overlap, 0.0))
+    ignored = of_detection[possible.detection]
+    lists = candidates(possible, frames.truth.frame, rank=ignored, liking=np.where(ignored == 0, overlap, 0.0))
     takes = assign(lists, score, at)
     counts = (of_truth[lists.truth] == 0) & countable[lists.detection]
     costs = countable & ~((frames.dont_care > minimum) if metric == "bbox" else np.zeros(len(score), bool))
@@ -204,7 +206,7 @@ def _count(
         tp=_sum(takes, counts),
         fp=reaching - _sum(takes, costs[lists.detection]),
         fn=truths - _sum(takes, of_truth[lists.truth] == 0),
-        similarity=(takes & counts[:, None]).T.astype(float) @ similarity[lists.pair],
+        similarity=(takes & counts[:, None]).T.astype(float) @ similarity[lists.match],
         truths=truths,
         detections=int(countable.sum()),
     )

@@ -23,7 +23,8 @@ MatchingRules = Literal["official", "openpcdet"]
 METRICS = ("bbox", "bev", "3d")
 # Recalls 0, 1/40, ..., 1: N_SAMPLE_PTS of the devkit.
 SLOTS = 41
-# Pairs clipped at once: fewer are filled up, more are cut, so that few sizes are compiled and memory is bounded.
+# Pairs of boxes clipped at once: fewer are filled up, more are cut, so that few sizes are compiled and memory is
+# bounded.
 _LEAST_PAIRS = 1024
 _MOST_PAIRS = 1 << 18
 
@@ -72,29 +73,29 @@ def has_orientation(detections: Objects, rules: MatchingRules) -> bool:
     return len(alpha) > 0 and not bool((alpha == -10).any())
 
 
-class Pairs(NamedTuple):
+class CandidateMatches(NamedTuple):
     """Objects of one frame, a label and a detection each; sorted by label, then by detection."""
 
     truth: Int[np.ndarray, " p"]
     detection: Int[np.ndarray, " p"]
 
-    def at(self, chosen: Shaped[np.ndarray, " k"]) -> Pairs:
+    def at(self, chosen: Shaped[np.ndarray, " k"]) -> CandidateMatches:
         """The candidates of these places, or of this mask."""
-        return Pairs(self.truth[chosen], self.detection[chosen])
+        return CandidateMatches(self.truth[chosen], self.detection[chosen])
 
 
-def pairs_of(truth: Objects, detections: Objects, among: Bool[np.ndarray, " n"]) -> Pairs:
-    """All pairs of a label `among` the labels with a detection of its frame."""
+def candidate_matches(truth: Objects, detections: Objects, among: Bool[np.ndarray, " n"]) -> CandidateMatches:
+    """Each label `among` the labels with each detection of its frame."""
     first = np.searchsorted(detections.frame, truth.frame, side="left")
     stop = np.searchsorted(detections.frame, truth.frame, side="right")
     count = np.where(among, stop - first, 0)
     label = np.repeat(np.arange(len(count)), count)
     within = np.arange(len(label)) - np.repeat(np.cumsum(count) - count, count)
-    return Pairs(label, first[label] + within)
+    return CandidateMatches(label, first[label] + within)
 
 
 def _bbox_shared(a: Float[np.ndarray, "p 4"], b: Float[np.ndarray, "p 4"]) -> Float[np.ndarray, " p"]:
-    """Area in square pixels that rectangles share, pair by pair."""
+    """Area in square pixels that rectangles share, match by match."""
     side = np.minimum(a[:, 2:], b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
     return np.where((side > 0).all(axis=1), side[:, 0] * side[:, 1], 0.0)
 
@@ -107,26 +108,26 @@ def _parts(part: Float[np.ndarray, " p"], whole: Float[np.ndarray, " p"]) -> Flo
     return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0)
 
 
-def overlaps(truth: Objects, detections: Objects, pairs: Pairs) -> dict[str, Float[np.ndarray, " p"]]:
-    """Intersection over union of each pair: in the image (`bbox`), from above (`bev`), in space (`3d`)."""
-    a, b = truth.bbox_px[pairs.truth], detections.bbox_px[pairs.detection]
+def overlaps(truth: Objects, detections: Objects, possible: CandidateMatches) -> dict[str, Float[np.ndarray, " p"]]:
+    """Intersection over union of each match: in the image (`bbox`), from above (`bev`), in space (`3d`)."""
+    a, b = truth.bbox_px[possible.truth], detections.bbox_px[possible.detection]
     shared = _bbox_shared(a, b)
     bev, volume = np.zeros(len(shared)), np.zeros(len(shared))
-    offset = (truth.centre_m[pairs.truth] - detections.centre_m[pairs.detection])[:, [0, 2]]
-    reach = _half_diagonal(truth)[pairs.truth] + _half_diagonal(detections)[pairs.detection]
-    # Boxes farther apart than both half diagonals share nothing: few pairs are left to clip.
+    offset = (truth.centre_m[possible.truth] - detections.centre_m[possible.detection])[:, [0, 2]]
+    reach = _half_diagonal(truth)[possible.truth] + _half_diagonal(detections)[possible.detection]
+    # Boxes farther apart than both half diagonals share nothing: few are left to clip.
     near = np.flatnonzero(np.hypot(*offset.T) < reach)
     for some in np.array_split(near, max(-(-len(near) // _MOST_PAIRS), 1)):
-        bev[some], volume[some] = _turned(truth, detections, pairs.at(some))
+        bev[some], volume[some] = _turned(truth, detections, possible.at(some))
     return {"bbox": _parts(shared, _bbox_area(a) + _bbox_area(b) - shared), "bev": bev, "3d": volume}
 
 
-def in_dont_care(truth: Objects, detections: Objects, pairs: Pairs) -> Float[np.ndarray, " n"]:
-    """Largest part of each detection's box in the image that lies in one of the regions of `pairs`."""
-    boxes = detections.bbox_px[pairs.detection]
-    part = _parts(_bbox_shared(truth.bbox_px[pairs.truth], boxes), _bbox_area(boxes))
+def in_dont_care(truth: Objects, detections: Objects, possible: CandidateMatches) -> Float[np.ndarray, " n"]:
+    """Largest part of each detection's box in the image that lies in one of the regions of `possible`."""
+    boxes = detections.bbox_px[possible.detection]
+    part = _parts(_bbox_shared(truth.bbox_px[possible.truth], boxes), _bbox_area(boxes))
     largest = np.zeros(len(detections.frame))
-    np.maximum.at(largest, pairs.detection, part)
+    np.maximum.at(largest, possible.detection, part)
     return largest
 
 
@@ -135,20 +136,20 @@ def _half_diagonal(objects: Objects) -> Float[np.ndarray, " n"]:
 
 
 def _turned(
-    truth: Objects, detections: Objects, pairs: Pairs
+    truth: Objects, detections: Objects, possible: CandidateMatches
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
     """Overlaps of boxes that turn about the camera's y, relative to the detection: float32 holds offsets, not places.
 
     Seen along y, x is right and z is forward, and rotation_y turns clockwise.
     """
-    count = len(pairs.truth)
+    count = len(possible.truth)
     # Filled up to powers of two: each size is compiled once.
     room = max(_LEAST_PAIRS, 1 << (count - 1).bit_length() if count else 0)
     boxes = np.zeros((2, room, 7), np.float32)
-    for k, (objects, index) in enumerate(((truth, pairs.truth), (detections, pairs.detection))):
+    for k, (objects, index) in enumerate(((truth, possible.truth), (detections, possible.detection))):
         # The camera's y points down: a box's middle lies half a height above its bottom face.
         middle = objects.centre_m[index] - np.array([0, 0.5, 0]) * objects.size_m[index][:, [2, 2, 2]]
-        other = detections.centre_m[pairs.detection]
+        other = detections.centre_m[possible.detection]
         # Right and forward span the plane; y, the height, comes third.
         boxes[k, :count, :3] = (middle - other)[:, [0, 2, 1]]
         boxes[k, :count, 3:6] = objects.size_m[index]
@@ -158,10 +159,10 @@ def _turned(
 
 
 class Candidates(NamedTuple):
-    """Pairs that overlap enough, sorted by label, each label's list in the order of its liking."""
+    """Matches that overlap enough, sorted by label, each label's list in the order of its liking."""
 
-    pair: Int[np.ndarray, " p"]
-    """Index of the pair among those given."""
+    match: Int[np.ndarray, " p"]
+    """Index among the matches given."""
     truth: Int[np.ndarray, " p"]
     detection: Int[np.ndarray, " p"]
     turn: Int[np.ndarray, " p"]
@@ -171,11 +172,15 @@ class Candidates(NamedTuple):
 
 
 def candidates(
-    pairs: Pairs, frame: Int[np.ndarray, " n"], *, rank: Int[np.ndarray, " p"], liking: Float[np.ndarray, " p"]
+    possible: CandidateMatches,
+    frame: Int[np.ndarray, " n"],
+    *,
+    rank: Int[np.ndarray, " p"],
+    liking: Float[np.ndarray, " p"],
 ) -> Candidates:
     """Lists of candidates: lowest `rank` first, then highest `liking`, then the order of the detections' file."""
-    order = np.lexsort((pairs.detection, -liking, rank, pairs.truth))
-    label, detection = pairs.truth[order], pairs.detection[order]
+    order = np.lexsort((possible.detection, -liking, rank, possible.truth))
+    label, detection = possible.truth[order], possible.detection[order]
     starts = np.flatnonzero(np.diff(label, prepend=-1))
     length = np.diff(starts, append=len(label))
     frames = frame[label[starts]]
@@ -187,7 +192,7 @@ def candidates(
 
 
 def assign(chosen: Candidates, score: Float[np.ndarray, " d"], at: Float[np.ndarray, " t"]) -> Bool[np.ndarray, "p t"]:
-    """Which pairs come about among the detections whose `score` reaches each threshold `at`."""
+    """Which matches come about among the detections whose `score` reaches each threshold `at`."""
     _, label = np.unique(chosen.truth, return_inverse=True)
     used, detection = np.unique(chosen.detection, return_inverse=True)
     free = score[used, None] >= at

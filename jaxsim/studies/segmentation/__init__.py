@@ -15,8 +15,8 @@ the images are the embedded world's, whose classes are of paint and water too: a
 
 OUT/settings.json, OUT/images.json (stamps of the folders' images) or OUT/images/{suburb,town}/NAME.npz (of the embedded
 world), OUT/intensity/PART.npz, OUT/scores/KIND_part0_seed0.json, OUT/segmentation.{md,json}. Its many small networks
-are no runs of `jaxsim.train`, each with a folder, checkpoints and a card: they learn in memory (`networks.descend`),
-and what they tell is kept.
+are no runs, each with a folder, checkpoints and a card: they learn in memory (`jaxsim.train.in_memory`), and what
+they tell is kept.
 """
 
 from __future__ import annotations

@@ -5,12 +5,12 @@ Both are the U-Net of intensities with other channels, and learn in memory from 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import repeat
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,15 +25,13 @@ from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import compiler_options, on_cpu
 from jaxsim.pix2pix.losses import quantile_loss
 from jaxsim.pix2pix.unet import UNet
-from jaxsim.progress import Progress
 from jaxsim.simulate.grain import Breaks, Field, Ranks, breaks_of, ranks_of_fields
 from jaxsim.simulate.grain_fit import GrainScan
 from jaxsim.simulate.predict import Prediction, drawn
+from jaxsim.train.in_memory import descend
 
 Targets = dict[str, Array]
 Loss = Callable[[Array, Targets], Array]
-_State = TypeVar("_State")
-_Batch = TypeVar("_Batch")
 FARTHEST_M = 120.0
 
 
@@ -140,27 +138,6 @@ def train_network(
         begin = parameters, adam.init(parameters)
         parameters, _ = descend(update, begin, batches, steps=steps, by="segmentation")
     return TrainedNetwork(config.network, channels, parameters)
-
-
-def descend(
-    step: Callable[[_State, _Batch, int], tuple[_State, Any]],
-    state: _State,
-    batches: Iterable[_Batch],
-    *,
-    steps: int,
-    by: str,
-) -> _State:
-    """The state after a step on each batch; `step` takes (state, batch k, k) and gives the next state and its loss.
-
-    There are `steps` batches; `by` begins messages and names the bar. Raises ValueError where a loss is not finite.
-    """
-    bar = Progress(batches, total=steps, desc=f"{by} learns", unit="step", leave=False)
-    for k, batch in enumerate(bar):
-        state, loss = step(state, batch, k)
-        if not np.isfinite(float(loss)):
-            raise ValueError(f"{by}: the loss of step {k} is {float(loss)}; lower the rate (lr)")
-        bar.set_postfix(loss=f"{float(loss):.3f}", refresh=False)
-    return state
 
 
 def _cut(columns: int, width: int, random: np.random.Generator) -> Int[np.ndarray, " width"]:

@@ -73,7 +73,7 @@ def test_the_law_is_what_was_hidden_within_its_band(added):
     off -= off.mean()
     assert np.abs(off).max() < 0.05
     assert np.mean(np.abs(off) < 3 * np.array(law.sd)) > 0.7
-    assert added.sensor == SensorModel(learned=(law,))
+    assert added.effects_model == SensorModel(learned=(law,))
 
 
 def test_unseen_scenes_gain_by_it_and_not_by_its_opposite(model, null, added):
@@ -102,7 +102,7 @@ def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(div
     assert gap.gained
     assert gap.gained.low > 0
     assert gap.after < gap.before
-    again = find_dependences(division, added.sensor)
+    again = find_dependences(division, added.effects_model)
     before = fit_noise(null).loss
     after = fit_noise(again.null_model.problem).loss
     assert after < before - 50
@@ -111,7 +111,7 @@ def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(div
 
 def test_the_law_that_is_fitted_is_the_one_that_is_saved(division, null, form, added):
     fitted = in_place(null, added.chain, simulated=True).ev.rays
-    applied = added.sensor.apply(null.ev.rays, division.scan)
+    applied = added.effects_model.apply(null.ev.rays, division.scan)
     np.testing.assert_allclose(np.asarray(fitted.log_intensity), np.asarray(applied.log_intensity), atol=1e-5)
     assert form.law == form.law
     assert form.law != replace(form, basis=2 * form.basis).law

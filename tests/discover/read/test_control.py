@@ -55,21 +55,21 @@ def test_what_the_control_lacks_as_well_is_not_named(answered):
     if answered:
         control = asked(before)
         assert named_of(control.verdict) == ["range_offset"]
-        lacks = control.sensor
+        lacks = control.effects_model
     beside = Control(lacks)
 
     null = asked(replace(same, control=beside))
     assert null.verdict.verdict == "none"
     assert null.verdict.control is not None
     assert null.verdict.control.names == ("range_offset",)
-    assert null.sensor.effects == ()
+    assert null.effects_model.effects == ()
 
     bent = replace(later.measured, intensity=later.measured.intensity ** np.float32(0.75))
     new = asked(replace(later, measured=bent, control=beside))
     assert named_of(new.verdict) == ["gamma_response"]
-    assert dict(new.sensor.effects)["gamma_response"]["gamma"] == pytest.approx(0.75, abs=0.03)
+    assert dict(new.effects_model.effects)["gamma_response"]["gamma"] == pytest.approx(0.75, abs=0.03)
     # The model holds what is new; what the control has stays its own.
-    assert [name for name, _ in new.sensor.effects] == ["gamma_response"]
+    assert [name for name, _ in new.effects_model.effects] == ["gamma_response"]
     assert any("in place from the start" in note and "range_offset" in note for note in new.verdict.notes)
 
 
@@ -128,10 +128,10 @@ def test_an_earlier_answer_is_a_control(tmp_path: Path):
     result = results.named()
     contrast = Contrast({"cells": Interval(1, 0.9, 1.1, "")}, Interval(50, 40, 60, "nats per scene"), 0.01)
     replace(result.verdict, contrast=contrast, levels=PAIRED).save(tmp_path)
-    replace(result.sensor, levels={"range_noise": 0.02}).save(tmp_path / "sensor.json")
+    replace(result.effects_model, levels={"range_noise": 0.02}).save(tmp_path / "sensor.json")
     control = Control.load(tmp_path, rows=results.ROWS)
     assert control.contrast_off
-    assert control.model == replace(result.sensor, levels={})
+    assert control.model == replace(result.effects_model, levels={})
     assert Control.load(tmp_path) == control
 
 

@@ -49,7 +49,7 @@ def test_an_effect_of_a_sector_is_named_there_with_parameters_of_its_full_size(s
 
 def test_its_sensor_model_acts_there_alone_and_its_report_says_so(sector, tmp_path):
     _, result, _ = sector
-    result.sensor.save(tmp_path / "sensor.json")
+    result.effects_model.save(tmp_path / "sensor.json")
     assert SensorModel.load(tmp_path / "sensor.json").regions == {"beam_range_bias": result.verdict.regimes[0].where}
     page = write_report(tmp_path, result).read_text(encoding="utf-8")
     assert "beam_range_bias acts between" in page

@@ -62,19 +62,19 @@ def test_a_ripple_is_not_none_and_told_with_its_period_and_size(answer):
 
 
 def test_the_law_is_added_and_judge_scenes_gain(answer, tmp_path):
-    law = answer.sensor.learned[0]
+    law = answer.effects_model.learned[0]
     assert (law.kind, law.covariates) == ("wave", ("column",))
     assert np.hypot(*law.values) == pytest.approx(SHARE, rel=0.05)
-    assert answer.verdict.learned == answer.sensor.learned
+    assert answer.verdict.learned == answer.effects_model.learned
     gained = answer.verdict.gap["intensity"].gained
     assert gained.low > 0
     assert gained.win_rate == 1
-    answer.sensor.save(tmp_path / "sensor.json")
-    assert SensorModel.load(tmp_path / "sensor.json", rows=ROWS) == answer.sensor
+    answer.effects_model.save(tmp_path / "sensor.json")
+    assert SensorModel.load(tmp_path / "sensor.json", rows=ROWS) == answer.effects_model
 
 
 def test_fed_back_nothing_is_missing(answer, rippled):
-    again = discover(rippled, effects=FEW, known=answer.sensor)
+    again = discover(rippled, effects=FEW, known=answer.effects_model)
     assert again.verdict.verdict == "none"
     assert not again.verdict.repeats
 
@@ -109,7 +109,7 @@ def test_effects_keep_their_regions_beside_what_repeats():
     regions = {"beam_gain": Region(azimuth_rad=(0.0, 1.0))}
     sensor = SensorModel((("beam_gain", {"gain": 0.1}),), regions=regions)
     wave = Learned("intensity", "wave", ("column",), ((0.1,),), (0.3, -0.2), (0.0, 0.0))
-    both = with_repeats(Added((), (), sensor), [wave]).sensor
+    both = with_repeats(Added((), (), sensor), [wave]).effects_model
     assert (both.effects, both.learned, both.regions) == (sensor.effects, (wave,), regions)
 
 

@@ -10,7 +10,7 @@ pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
 
 def test_what_was_named_is_fitted_on_top_of_what_is_known(stages):
     added = stages.completed.added
-    assert [name for name, _ in added.sensor.effects] == ["random_dropout", "range_offset"]
+    assert [name for name, _ in added.effects_model.effects] == ["random_dropout", "range_offset"]
     [offset] = added.parameters
     [interval] = offset.values()
     assert interval.low < FAR_M < interval.high

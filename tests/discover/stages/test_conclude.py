@@ -19,7 +19,7 @@ def told(stages, **changed):
 def test_a_confirmed_effect_is_in_verdict_and_sensor_model(stages):
     result = told(stages)
     assert [effect.name for effect in result.verdict.effects] == ["range_offset"]
-    assert result.sensor.names == ("random_dropout", "range_offset")
+    assert result.effects_model.names == ("random_dropout", "range_offset")
     assert result.verdict.seconds == 1.5
     assert any(note.startswith("beside what the sensor model already had: random_dropout,")
                for note in result.verdict.notes)  # fmt: skip
@@ -38,7 +38,7 @@ def test_what_judge_scenes_do_not_gain_by_is_in_neither(stages):
     result = told(stages, judged=replace(judged, gap=lost))
     assert result.verdict.verdict == "none"
     assert [effect.name for effect in result.verdict.unconfirmed] == ["range_offset"]
-    assert result.sensor.names == ("random_dropout",)
+    assert result.effects_model.names == ("random_dropout",)
 
 
 def test_before_it_is_held_against_judge_scenes_a_verdict_has_all_that_was_found(stages):

@@ -38,7 +38,7 @@ def test_hidden_beam_gains_are_named_and_measured(gains):
     assert result.verdict.verdict == "named"
     assert result.verdict.effects[0].name == "beam_gain"
     truth = np.asarray(key.effects[0]["parameters"]["gain"])
-    found = np.asarray(dict(result.sensor.effects)["beam_gain"]["gain"])
+    found = np.asarray(dict(result.effects_model.effects)["beam_gain"]["gain"])
     seen = np.isfinite(found) & (found != 0)
     assert np.corrcoef(truth[seen], found[seen])[0, 1] > 0.7
 
@@ -50,7 +50,7 @@ def test_the_gap_shrinks_on_streets_that_nothing_was_fitted_to(gains):
 
 
 def test_the_sensor_holds_what_was_named(gains):
-    assert dict(gains[2].sensor.effects) == {one.name: one.values for one in gains[2].verdict.effects}
+    assert dict(gains[2].effects_model.effects) == {one.name: one.values for one in gains[2].verdict.effects}
 
 
 def test_the_answer_says_that_streets_differ_and_what_cannot_be_told(gains):
@@ -70,7 +70,7 @@ def test_the_command_writes_a_report_that_says_so(gains, tmp_path, monkeypatch):
     verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
     assert set(verdict["gap"]) == {"intensity", "range", "drop", "closure"}
     assert verdict["gap"]["range"] is None
-    assert SensorModel.load(tmp_path / "out" / "sensor.json", rows=SMALL["rows"]) == result.sensor
+    assert SensorModel.load(tmp_path / "out" / "sensor.json", rows=SMALL["rows"]) == result.effects_model
 
 
 def test_a_hidden_falloff_is_named(tmp_path, standard_promotion):
