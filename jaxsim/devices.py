@@ -225,8 +225,8 @@ def side_by_side(first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]
     """What two actions give that wait for nothing of each other, each in a thread of its own: programs and NumPy's
     large steps leave Python to the other. Raises what the first raised, or else the second."""
     with ThreadPoolExecutor(1) as pool:
-        told = pool.submit(second)
-        return first(), told.result()
+        future = pool.submit(second)
+        return first(), future.result()
 
 
 @contextmanager

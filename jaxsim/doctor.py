@@ -35,8 +35,8 @@ Lines = list[tuple[str, str]]
 def facts() -> Lines:
     """Versions, devices, the cache and the extras that are installed; nothing of them names a user's data."""
     needs, extras = requirements()
-    told = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *native_form(), *environment_settings(), *cache()]
-    return [*told, *installed_extras(extras)]
+    lines = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *native_form(), *environment_settings(), *cache()]
+    return [*lines, *installed_extras(extras)]
 
 
 def check_needs() -> None:
@@ -131,12 +131,12 @@ def cache() -> Lines:
 
 def installed_extras(extras: dict[str, list[str]]) -> Lines:
     """Each extra, and what it lacks."""
-    told = []
+    lines = []
     for extra, names in sorted(extras.items()):
         # The module counts too: another package may bring it (opencv-python has the cv2 of opencv-python-headless).
         lacks = [name for name in names if version_of(name) is None and find_spec(module_of(name)) is None]
-        told.append(extra if not lacks else f"{extra} (lacks {', '.join(lacks)})")
-    return [("extras", "; ".join(told) or "none")]
+        lines.append(extra if not lacks else f"{extra} (lacks {', '.join(lacks)})")
+    return [("extras", "; ".join(lines) or "none")]
 
 
 def module_of(package: str) -> str:

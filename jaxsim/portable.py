@@ -70,14 +70,14 @@ def export_network(learned: LearnedSensor, path: Path, *, to: _Form, batch: int 
     experiment = learned.run.experiment
     channels = input_channels(experiment.prepare)
     size = (*experiment.prepare.network_size, channels)
-    told = describe_network(learned)
+    description = describe_network(learned)
     # Another function than the sensor's own, which may have been traced for this machine's device already.
     generate = make_generate(experiment, channels)
     network: _Network = lambda inputs: generate(learned.params, inputs)  # noqa: E731
     inputs = np.random.default_rng(0).uniform(-1, 1, (batch or 1, *size)).astype(np.float32)
     if to == "onnx":
         with for_any_device():
-            metadata = {name: json.dumps(value) for name, value in told.items()}
+            metadata = {name: json.dumps(value) for name, value in description.items()}
             model = onnx_model(network, inputs.shape, name="generator", metadata=metadata)
         content = model.SerializeToString()
         exported = _run_onnx(content, inputs)
@@ -86,7 +86,7 @@ def export_network(learned: LearnedSensor, path: Path, *, to: _Form, batch: int 
         exported = np.asarray(jax.export.deserialize(bytearray(content)).call(inputs))
     with replacing(path) as temporary:
         temporary.write_bytes(content)
-    write_text(path.with_suffix(path.suffix + ".json"), json.dumps(told, indent=2) + "\n")
+    write_text(path.with_suffix(path.suffix + ".json"), json.dumps(description, indent=2) + "\n")
     ours = np.asarray(learned.generate(learned.params, inputs))
     return Exported(path, len(content), None if exported is None else float(np.abs(exported - ours).max()))
 
@@ -168,13 +168,13 @@ def onnx_model(
     graph = Graph(onnx)
     (result,) = _walk(graph, closed, ["inputs"])
     graph.nodes.append(onnx.helper.make_node("Identity", [graph.name(result)], ["outputs"]))
-    told = onnx.helper.make_tensor_value_info
+    value_info = onnx.helper.make_tensor_value_info
     kind = onnx.TensorProto.FLOAT
     made = onnx.helper.make_graph(
         graph.nodes,
         name,
-        [told("inputs", kind, shape)],
-        [told("outputs", kind, closed.out_avals[0].shape)],
+        [value_info("inputs", kind, shape)],
+        [value_info("outputs", kind, closed.out_avals[0].shape)],
         initializer=graph.constants,
     )
     opsets = [onnx.helper.make_opsetid("", OPSET)]

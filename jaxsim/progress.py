@@ -51,7 +51,7 @@ class Progress(tqdm):
             if shown.get("total") is not None or hasattr(iterable, "__len__"):
                 unit = shown.get("unit", "it")
                 shown["bar_format"] = LINE.replace("{units}", f"{unit}{'es' if unit.endswith('s') else 's'}")
-        self.told = 0
+        self.printed_at = 0
         self.ended = threading.Event()
         self.line_at_s = -math.inf
         super().__init__(iterable, disable=disable or bool(os.environ.get(QUIET)), **shown)
@@ -71,7 +71,7 @@ class Progress(tqdm):
     def _write_line(self) -> None:
         self.fp.write(f"{self}\n")
         self.fp.flush()
-        self.told = self.n
+        self.printed_at = self.n
         self.line_at_s = time.monotonic()
 
     def tell_if_silent(self) -> float:
@@ -87,7 +87,7 @@ class Progress(tqdm):
         """Writes a last line where there is no terminal and something was done since the one before."""
         self.ended.set()
         if self.as_lines and not self.disable:
-            if self.leave and self.n > self.told:
+            if self.leave and self.n > self.printed_at:
                 self.display()
             # tqdm ends its bar's line now, and here is none.
             self.fp = io.StringIO()

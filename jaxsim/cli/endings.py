@@ -58,12 +58,12 @@ def stop_on_error(status: int = 1) -> Iterator[None]:
             print(f"\n{line}", file=sys.stderr, flush=True)
         leave(143 if isinstance(stop, Terminated) else 130)
     except Exception as error:
-        told = words_of(error)
-        if told is None or os.environ.get("JAXSIM_TRACEBACK"):
+        message = words_of(error)
+        if message is None or os.environ.get("JAXSIM_TRACEBACK"):
             raise
         if status != 1:
-            print(f"error: {told}", file=sys.stderr)
-        sys.exit(f"error: {told}" if status == 1 else status)
+            print(f"error: {message}", file=sys.stderr)
+        sys.exit(f"error: {message}" if status == 1 else status)
 
 
 def words_of(error: BaseException) -> str | None:

@@ -46,14 +46,14 @@ class Engines(Checked):
             check_apart(written, self.answer, self.answer.with_name("verdict.json"), self.now, by="engines")
         known_effects()
         now = _numbers(self.now) if self.now else {}
-        told = translate(read_answer(self.answer), self.engine, ENGINES[self.engine], now=now)
-        page = words(told)
+        translation = translate(read_answer(self.answer), self.engine, ENGINES[self.engine], now=now)
+        page = words(translation)
         print(page)
         if self.out:
-            write_text(self.out, told.text)
+            write_text(self.out, translation.text)
             write_text(self.out.with_suffix(".md"), page)
         else:
-            print(told.text)
+            print(translation.text)
 
 
 def _numbers(path: Path) -> dict[str, float]:
@@ -63,19 +63,19 @@ def _numbers(path: Path) -> dict[str, float]:
         return {key: real(value) for key, value in content.items()}
 
 
-def words(told: Translation) -> str:
+def words(translation: Translation) -> str:
     """A translation as Markdown: a table of parameters, and what cannot be expressed."""
-    engine = ENGINES[told.engine]
+    engine = ENGINES[translation.engine]
     lines = [f"# {engine.title}", ""]
-    if told.settings:
-        rows = [(f"`{s.name}`", _value(s), _ends(s), s.unit, s.why) for s in told.settings]
+    if translation.settings:
+        rows = [(f"`{s.name}`", _value(s), _ends(s), s.unit, s.why) for s in translation.settings]
         lines.append(markdown_table(("parameter", "value", "90 % interval", "unit", "of"), rows))
     else:
         lines.append(f"Nothing that {engine.title} has a parameter for.")
-    if told.cannot:
+    if translation.cannot:
         lines += ["", f"What {engine.title} cannot express, and what does it instead:", ""]
-        lines += [f"- `{what}`: {why}" for what, why in told.cannot.items()]
-    lines += ["", *(f"{note}\n" for note in told.notes), "Facts from " + ", ".join(engine.links), ""]
+        lines += [f"- `{what}`: {why}" for what, why in translation.cannot.items()]
+    lines += ["", *(f"{note}\n" for note in translation.notes), "Facts from " + ", ".join(engine.links), ""]
     return "\n".join(lines)
 
 

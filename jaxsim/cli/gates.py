@@ -68,6 +68,6 @@ def make_gate(path: Path, out: Path, shown: Compared) -> None:
     else:
         save_gate(path, thresholds=thresholds_of(shown))
         words = [(name, f"{d.value:.4g} ({d.low:.4g} .. {d.high:.4g}) {d.unit}") for name, d in shown.items()]
-        checks = tuple(Check(name, "pass", told) for name, told in words)
+        checks = tuple(Check(name, "pass", text) for name, text in words)
         write_text(out / "gate.md", markdown(checks, title="What the gate was written from"))
     print(f"{path}: {' '.join(path.read_text().split())}")

@@ -74,8 +74,8 @@ class Simulate(OnWorkers, IntoFolder):
         speed = simulate_folder(maker, positions, source=source, previews=self.previews, spread=spread)
         if (drawn := positions[: self.previews]) and (speed.simulated or not page.exists()):  # to draw, it reads again
             write_simulated(self.out, maker.dataset, drawn, run=self.run.name)
-        told = [f"{page} turns the frames that were drawn"] if page.exists() else []
-        print(speed.words(self.out, workers=bool(self.cluster)), *told, sep="\n")
+        hints = [f"{page} turns the frames that were drawn"] if page.exists() else []
+        print(speed.words(self.out, workers=bool(self.cluster)), *hints, sep="\n")
 
     def maker(self, load_run: Callable[[Path], LearnedSensor]) -> FrameMaker:
         """What simulates the data set's frames. Raises ValueError for flags that name what is not there."""

@@ -116,9 +116,9 @@ def _wrong(value: Any, hint: Any) -> str:
         return next((f"{wrong}, each" for wrong in wrongs if wrong), "")
     if is_dataclass(hint) and isinstance(hint, type):
         return "" if isinstance(value, hint) else f"a {hint.__name__}"
-    kind, told = _PLAIN.get(hint, (object, ""))
+    kind, description = _PLAIN.get(hint, (object, ""))
     if not isinstance(value, kind) or (isinstance(value, bool) and hint in (int, float)):
-        return told
+        return description
     if isinstance(value, Real):
         size = abs(int(value)) if isinstance(value, Integral) else abs(float(value))
         if isinstance(size, float) and not math.isfinite(size):

@@ -170,9 +170,9 @@ def _open_pcap(path: Path, meta: Path | None) -> tuple[Any, Any]:
         options: dict[str, Any] = {} if meta is None else {"meta": [str(meta)]}
         return open_source(str(path), **options), core
     except Exception as error:  # the SDK has no common base for its errors
-        told = " ".join(str(error).split())  # theirs has several lines
+        why = " ".join(str(error).split())  # theirs has several lines
         raise ValueError(
-            f"ouster: {path}{f' with {meta.name}' if meta else ''} cannot be read: {told}; pass a .pcap and the .json "
+            f"ouster: {path}{f' with {meta.name}' if meta else ''} cannot be read: {why}; pass a .pcap and the .json "
             "of its sensor"
         ) from error
 

@@ -185,8 +185,8 @@ def may_never_act(step: FittedStep, problem: Problem) -> bool:
     probability = effect.parameters.get("probability")
     if probability is None or probability.shape != "scalar":
         return False
-    told = intervals(effect, problem, step.fit)["probability"]
-    return isinstance(told, Interval) and told.low <= probability.neutral
+    interval = intervals(effect, problem, step.fit)["probability"]
+    return isinstance(interval, Interval) and interval.low <= probability.neutral
 
 
 def interval_of(value: _Numbers, low: _Numbers, high: _Numbers, *, unit: str) -> Interval | tuple[Interval, ...]:

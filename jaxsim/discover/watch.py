@@ -115,8 +115,8 @@ def changes(
         low, high = difference_interval(now, then, level=1 - RULES.watch_chance / len(names))
         value = float(now.mean() - then.mean())
         # Intensities without any scatter say nothing of chance; a beam that always returns has none, nor a dead one.
-        told = low < high or (channel == "returns" and abs(value) > RULES.watch_least)
-        if told and (low > 0 or high < 0):
+        certain = low < high or (channel == "returns" and abs(value) > RULES.watch_least)
+        if certain and (low > 0 or high < 0):
             # Ranked in units of scatter: nats and shares do not compare.
             changed.append((abs(value) / max(high - low, RULES.watch_least), Change(what, channel, value, low, high)))
     return tuple(change for _, change in sorted(changed, key=lambda pair: -pair[0]))

@@ -135,14 +135,16 @@ def read_answer(path: Path) -> Estimates:
     Raises ValueError where it is none, as `SensorModel.load`, and where the two are of other numbers of beams.
     """
     model = SensorModel.load(path)
-    told: dict[str, Any] = {}
+    content: dict[str, Any] = {}
     verdict = path.with_name("verdict.json")
     if verdict.is_file():
-        told = read_json(verdict, by="engines")
-        if not isinstance(told, dict) or not isinstance(told.get("effects", []), list):
+        content = read_json(verdict, by="engines")
+        if not isinstance(content, dict) or not isinstance(content.get("effects", []), list):
             raise ValueError(f"engines: {verdict} is not what `jaxsim discover` writes; move it away, or run it again")
-    intervals = {one.get("name"): one.get("parameters", {}) for one in told.get("effects", []) if isinstance(one, dict)}
-    missing = {one["name"]: one["missing"] for one in told.get("levels", []) if isinstance(one, dict)}
+    intervals = {
+        one.get("name"): one.get("parameters", {}) for one in content.get("effects", []) if isinstance(one, dict)
+    }
+    missing = {one["name"]: one["missing"] for one in content.get("levels", []) if isinstance(one, dict)}
     apart: list[str] = []
 
     def estimates(value: Any, interval: Any, what: str) -> tuple[Estimate, ...]:
@@ -198,12 +200,12 @@ def translate(answer: Estimates, name: str, engine: Engine, *, now: Mapping[str,
         known = f"it may hold {', '.join(engine.defaults)}" if engine.defaults else "leave --now out"
         raise ValueError(f"engines: of {', '.join(unknown)} in --now nothing is made for {engine.title}; {known}")
     settings = engine.settings(answer, {**engine.defaults, **(now or {})})
-    told = [*answer.effects, *answer.levels]
+    estimates = [*answer.effects, *answer.levels]
     general = (
         f"{engine.title} has no parameter for it; write its frames without it and add it behind: "
         "`jaxsim simulate --effects sensor.json`, or jaxsim.effects on polar frames"
     )
-    cannot = {what: engine.instead.get(what, general) for what in told if what not in engine.expresses}
+    cannot = {what: engine.instead.get(what, general) for what in estimates if what not in engine.expresses}
     if answer.limit("minimum_m") and engine.nearest:
         cannot["range_gate.minimum_m"] = engine.nearest
     haze = answer.one("atmospheric_extinction", "coefficient_per_m")

@@ -46,20 +46,20 @@ def claim(
                 was = read(read_text(record, by=by).encode())
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 wrong = words_of_wrong(error)
-                told = wrong if str(record) in wrong else f"{by}: {record} cannot be read ({wrong}); copy it again"
-                raise ValueError(f"{told}; or {remedy}") from error
+                message = wrong if str(record) in wrong else f"{by}: {record} cannot be read ({wrong}); copy it again"
+                raise ValueError(f"{message}; or {remedy}") from error
         elif was is None:
             raise ValueError(f"{by}: {folder} is not empty, and no {record.name} says what it was made with; {remedy}")
         other = {name: values for name, *values in _changes(was, made, free=free)}
         if other:
-            told = "; ".join(_told(name, *values) for name, values in other.items())
+            differences = "; ".join(_told(name, *values) for name, values in other.items())
             hints = [note] if note else []
             if any(isinstance(old, str) and Path(old).is_absolute() for old, _ in other.values()):
                 hints.append(f"where a folder has only moved, write its new path into {record.name}")
             if free:
                 hints.append(f"free to change are {', '.join(free)}")
             hint = f" ({'; '.join(hints)})" if hints else ""
-            raise ValueError(f"{by}: {folder} was made with other settings ({told}); {remedy}{hint}")
+            raise ValueError(f"{by}: {folder} was made with other settings ({differences}); {remedy}{hint}")
     if text is not None:
         with replacing(record) as path:
             path.write_bytes(text.encode() if isinstance(text, str) else text)

@@ -35,15 +35,15 @@ def files_of(dataset: Any, position: int) -> list[Path]:
 def stamp(files: Iterable[Path], more: str = "") -> str:
     """Sixteen hexadecimal digits that change where a file's size or time of modification does, where one goes or comes,
     and with the text `more`; empty where there are no files."""
-    told = []
+    lines = []
     for file in files:
         try:
             about = file.stat()
         except (FileNotFoundError, NotADirectoryError):
-            told.append(f"{file.name} is not there")
+            lines.append(f"{file.name} is not there")
         else:
-            told.append(f"{file.name} {about.st_size} {about.st_mtime_ns}")
-    return hashlib.sha256("\n".join([*told, more]).encode()).hexdigest()[:16] if told else ""
+            lines.append(f"{file.name} {about.st_size} {about.st_mtime_ns}")
+    return hashlib.sha256("\n".join([*lines, more]).encode()).hexdigest()[:16] if lines else ""
 
 
 def sha256_of(path: Path) -> str:

@@ -217,8 +217,12 @@ def all_within(values: np.ndarray, low: int | float, high: int | float) -> bool:
 def span_in_words(values: np.ndarray) -> str:
     """Says from what to what values go, and how many are not finite."""
     known = values[np.isfinite(values)]
-    told = f"{known.min():g}..{known.max():g}" if known.size else "nothing"
-    return told if known.size == values.size else f"{told}, {values.size - known.size} of {values.size} NaN or infinite"
+    extent = f"{known.min():g}..{known.max():g}" if known.size else "nothing"
+    return (
+        extent
+        if known.size == values.size
+        else f"{extent}, {values.size - known.size} of {values.size} NaN or infinite"
+    )
 
 
 def nearest_known(known: Bool[np.ndarray, "h w"]) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:

@@ -184,14 +184,14 @@ def _norms_squared(difference: Float[np.ndarray, "n r c"]) -> Float[np.ndarray, 
 
 def _spectral(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     squares = np.zeros((len(a), len(b)))
-    told = {"desc": "comparing histograms", "unit": "row", "leave": False}
+    bar = {"desc": "comparing histograms", "unit": "row", "leave": False}
     if a is not b:
-        for k in Progress(range(len(a)), **told):
+        for k in Progress(range(len(a)), **bar):
             squares[k] = _norms_squared(a[k] - b)
         return squares
     # Each and the k-th after it, round the set: every pair once.
     each = np.arange(len(a))
-    for k in Progress(range(1, len(a) // 2 + 1), **told):
+    for k in Progress(range(1, len(a) // 2 + 1), **bar):
         other = (each + k) % len(a)
         squares[each, other] = squares[other, each] = _norms_squared(a - a[other])
     return squares

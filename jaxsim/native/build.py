@@ -111,7 +111,7 @@ def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
 
 def _processor() -> list[str]:
     """Kind and abilities of the processor."""
-    told = Path("/proc/cpuinfo")
-    lines = told.read_text().splitlines() if told.is_file() else []
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
     known = {line for line in lines if line.startswith(("flags", "Features", "model", "CPU part"))}
     return [platform.system(), platform.machine(), platform.processor(), *sorted(known)]

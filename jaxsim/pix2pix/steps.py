@@ -225,10 +225,10 @@ def _train_step(
     if discriminator is not None and first:
         fake, network = graphs.generate(state.generator, batch["inputs"])
         vectors = network.vectors
-        discriminator, discriminator_optim, told = _train_discriminator(
+        discriminator, discriminator_optim, of_discriminator = _train_discriminator(
             discriminator, discriminator_optim, batch, fake=fake, graphs=graphs
         )
-        metrics |= told
+        metrics |= of_discriminator
 
     def loss_of(parameters: PyTree) -> tuple[Array, Any]:
         return _generator_loss(Network(parameters, vectors), discriminator, batch, vgg=vgg, graphs=graphs)
@@ -243,10 +243,10 @@ def _train_step(
     metrics |= {"loss/generator": loss, "grad_norm/generator": optax.tree.norm(gradient)}
 
     if discriminator is not None and not first:
-        discriminator, discriminator_optim, told = _train_discriminator(
+        discriminator, discriminator_optim, of_discriminator = _train_discriminator(
             discriminator, discriminator_optim, batch, fake=fake, graphs=graphs
         )
-        metrics |= told
+        metrics |= of_discriminator
     metrics["finite"] = jnp.stack([jnp.isfinite(value) for value in metrics.values()]).all()
     step = state.step + 1
     state = TrainState(

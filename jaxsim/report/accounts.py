@@ -38,23 +38,25 @@ BAND = 2.0
 """Standard deviations to either side of a learned law that its band shows."""
 
 
-def where_it_stood(told: Registered | None) -> Markup:
+def where_it_stood(registered: Registered | None) -> Markup:
     """The motion between the sides, if it is more than noise: a table of its numbers, and how far ranges then agree."""
-    if told is None or not (told.sure or told.other_moments or told.speeds):
+    if registered is None or not (registered.sure or registered.other_moments or registered.speeds):
         return EMPTY
     meanings = {key: of.meaning for effect in EFFECTS.values() for key, of in effect.parameters.items()}
-    rows = [[code(key), meanings[key], number(one.value), span(one), one.unit] for key, one in told.motion.items()]
+    rows = [
+        [code(key), meanings[key], number(one.value), span(one), one.unit] for key, one in registered.motion.items()
+    ]
     words = (
         "The sensor's motion from where the simulator has it, that makes ranges agree best over all frames. They agree "
-        f"(within 0.5 m or 5 %) on {percent(told.near[1])} of the measured points as registered, on "
-        f"{percent(told.near[0])} as given; half of the points lie within {number(told.off_m[1])} m and "
-        f"{number(told.off_m[0])} m."
+        f"(within 0.5 m or 5 %) on {percent(registered.near[1])} of the measured points as registered, on "
+        f"{percent(registered.near[0])} as given; half of the points lie within {number(registered.off_m[1])} m and "
+        f"{number(registered.off_m[0])} m."
     )
-    if told.other_moments:
+    if registered.other_moments:
         words += " Frames of one name are of different moments: each was brought to its own place."
     parts = [words, page.table(["number", "meaning", "value", "90 % interval", "unit"], rows, text=2)]
-    if told.speeds:
-        drives = [[name, number(speed)] for name, speed in told.speeds.items()]
+    if registered.speeds:
+        drives = [[name, number(speed)] for name, speed in registered.speeds.items()]
         parts.append("Speeds that the frames' own distortion tells, where none is given:")
         parts.append(page.table(["drive", "m/s"], drives, text=1))
     return page.section("Where the sensor stood", *parts)

@@ -152,13 +152,13 @@ def x_axis(
     right: int,
     bottom: int,
     words: str,
-    told: Callable[[float], str] = label,
+    text_of: Callable[[float], str] = label,
 ) -> None:
-    """A level axis with its marks, each as it is `told`, and, below them, its words."""
+    """A level axis with its marks, each with its text (`text_of`), and, below them, its words."""
     canvas.line([(left, bottom), (right, bottom)], colour=RULE)
     for value in marks:
         canvas.line([(across(value), bottom), (across(value), bottom + 4)], colour=FAINT)
-        canvas.text(across(value), bottom + 17, told(value), anchor="middle", size=11, colour=FAINT)
+        canvas.text(across(value), bottom + 17, text_of(value), anchor="middle", size=11, colour=FAINT)
     canvas.text((left + right) / 2, bottom + 36, words, anchor="middle", size=12)
 
 

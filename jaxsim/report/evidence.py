@@ -148,21 +148,21 @@ SCALE_TITLES = {
 """What is held against what on a scale of the simulator's contrast, where that is no class."""
 
 
-def contrast(told: Contrast | None) -> Markup:
+def contrast(finding: Contrast | None) -> Markup:
     """How far the sensor follows the simulator's contrast, where its slopes differ by scale."""
-    if told is None:
+    if finding is None:
         return EMPTY
     usual = "a cell, and what is usual at its angle and range of"
     rows = [
         [SCALE_TITLES.get(scale, f"{usual} {scale.replace('_', ' ')}"), number(one.value), span(one)]
-        for scale, one in told.slopes.items()
+        for scale, one in finding.slopes.items()
     ]
     words = (
         "A law of the sensor bends readings one by one, so that measured differences follow simulated ones by one "
         "slope on every scale and in every class. Here they do not, and that is the simulator's error: what it learned "
         "or blurred is too weak from cell to cell (above 1), and of the differences between surfaces of a class, at "
         "the same angle and range, part is made up, or materials are other ones (below "
-        f"1). Scenes that were not fitted gained {number(told.gain.value)} nats each by it. All that is named was "
+        f"1). Scenes that were not fitted gained {number(finding.gain.value)} nats each by it. All that is named was "
         "asked with these slopes free: it counts by what it explains along ranges, angles and rows and between "
         "classes, and no curve along intensities or colours was asked."
     )
@@ -303,5 +303,5 @@ def moved(verdict: Verdict) -> Markup:
         "reflectance over the simulator's, fitted without the effects and again with them; of several effects also "
         "their parameters, as fitted when each was added and with the others in place."
     )
-    told = page.table(["", "before", "after"], rows, text=1)
-    return page.section("What moved when the effects were added", words, told)
+    table = page.table(["", "before", "after"], rows, text=1)
+    return page.section("What moved when the effects were added", words, table)

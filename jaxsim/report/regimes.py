@@ -56,8 +56,8 @@ def regimes(acting: Sequence[Regime], draw: DrawChart, *, frames: Sequence[Judge
     heads = ["effect", "acts", "share", "inside", "outside", "p", "q", "judge scenes", "in simulations"]
     legend = page.key([("inside", "after", False), ("outside", "before", True)])
     strips = [_strip(one, draw, ordinal=k, frames=frames) for k, one in enumerate(acting)]
-    told = page.table(heads, rows, text=2, last_text=True)
-    return page.section("Where and when it acts", words, told, legend, *strips)
+    table = page.table(heads, rows, text=2, last_text=True)
+    return page.section("Where and when it acts", words, table, legend, *strips)
 
 
 def _strip(one: Regime, draw: DrawChart, *, ordinal: int, frames: Sequence[JudgeFrame]) -> Markup:
@@ -129,8 +129,11 @@ def strip_chart(one: Regime, *, ordinal: int = 0, frames: Sequence[JudgeFrame] =
         if np.isfinite(value):
             canvas.dot(across(at), up(value), colour=AFTER if held else BEFORE, radius=4, hollow=not held)
     heads = ("azimuth, °" if around else words, "size", "acts there")
-    told = zip(x.tolist(), one.sizes, one.held, strict=True)
-    canvas.rows = [heads, *((label(round(at, 1)), number(value), "yes" if held else "no") for at, value, held in told)]
+    points = zip(x.tolist(), one.sizes, one.held, strict=True)
+    canvas.rows = [
+        heads,
+        *((label(round(at, 1)), number(value), "yes" if held else "no") for at, value, held in points),
+    ]
     if around and frames:
         _sector_targets(canvas, x, across, ordinal=ordinal)
     else:

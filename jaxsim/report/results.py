@@ -42,8 +42,8 @@ def list_facts(about: Mapping[str, Any]) -> str:
 def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A line of heads, a rule, a line a row; a `|` of a cell, as names of folders may hold, ends no cell."""
     cells = [[cell.replace("|", "\\|") for cell in line] for line in (heads, *rows)]
-    told, *others = [f"| {' | '.join(line)} |" for line in cells]
-    return "\n".join([told, f"|{'---|' * len(heads)}", *others])
+    head, *others = [f"| {' | '.join(line)} |" for line in cells]
+    return "\n".join([head, f"|{'---|' * len(heads)}", *others])
 
 
 def _plain(value: Any) -> Any:

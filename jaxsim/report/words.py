@@ -168,7 +168,7 @@ def _unseen(verdict: Verdict) -> str:
 
 def _together(verdict: Verdict) -> str:
     """What keeps the two sides apart, or kept them; empty where nothing does."""
-    told = verdict.registered
+    registered = verdict.registered
     words = ""
     if verdict.unrelated:
         words += " The two sides' intensities have no relation to each other, so no effect on them could be asked."
@@ -182,11 +182,11 @@ def _together(verdict: Verdict) -> str:
             f"cell and, least of all, by {number(slopes[weakest].value)} within {weakest.replace('_', ' ')}: the "
             "simulator's error, beside which all was asked."
         )
-    if told and told.other_moments:
+    if registered and registered.other_moments:
         words += " The measured frames are of other moments than the simulated ones."
-    elif told and told.sure:
-        words += f" So registered, ranges agree on {percent(told.near[1])} of the points, as given on "
-        words += f"{percent(told.near[0])}."
+    elif registered and registered.sure:
+        words += f" So registered, ranges agree on {percent(registered.near[1])} of the points, as given on "
+        words += f"{percent(registered.near[0])}."
     return words
 
 

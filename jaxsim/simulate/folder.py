@@ -70,17 +70,17 @@ class Speed:
     def words(self, out: Path, *, workers: bool = False) -> str:
         """Tells what is in `out`, how fast the simulation is, and how long all took with what else it does; of
         `workers` that share it only how fast they are together."""
-        told = f"{counted(self.simulated, 'frame')} simulated, {self.already} were there: {out}"
+        text = f"{counted(self.simulated, 'frame')} simulated, {self.already} were there: {out}"
         if not self.simulated:
-            return told
+            return text
         total = f"{self.total_s:.1f} s in all, with loading, compiling and writing"
         rate = self.frames_per_s
         if workers:
-            return f"{told}\n{self.simulated / self.total_s:.2f} frames/s; {total}"
+            return f"{text}\n{self.simulated / self.total_s:.2f} frames/s; {total}"
         if rate is None:
             why = "the simulation's own speed shows from the second batch on (a smaller --batch, more --frames)"
-            return f"{told}\n{total}; {why}"
-        return f"{told}\nsimulation alone {rate:.2f} frames/s (after the first batch); {total}"
+            return f"{text}\n{total}; {why}"
+        return f"{text}\nsimulation alone {rate:.2f} frames/s (after the first batch); {total}"
 
 
 Simulated = tuple[PolarImage, Painted, float]

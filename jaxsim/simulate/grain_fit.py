@@ -86,8 +86,8 @@ def learn_grain(
     have learned from them. Raises ValueError for a network that gives no distribution, and where there are too few
     cells to tell."""
     chosen = np.unique(np.linspace(0, len(pairs) - 1, FRAMES).astype(int)) if len(pairs) else []
-    told = Progress(chosen, desc="grain", unit="frame", leave=False)
-    scans = [_scan(predict(params, pairs[int(k)]), pairs[int(k)]) for k in told]
+    bar = Progress(chosen, desc="grain", unit="frame", leave=False)
+    scans = [_scan(predict(params, pairs[int(k)]), pairs[int(k)]) for k in bar]
     looked_at = dict.fromkeys(scenes[int(k)] for k in chosen)
     return Grain(fit_intensity(scans), fit_drop(scans), tuple(looked_at))
 

@@ -75,8 +75,10 @@ def named_networks(networks: Mapping[str, LearnedSensor]) -> dict[str, LearnedSe
     for run, network in networks.items():
         settings = _compared(network.run.experiment)
         if other := [key for key in settings if settings[key] != reference[key]]:
-            told = ", ".join(f"{key} is {settings[key]!r} and {reference[key]!r}" for key in other)
-            raise ValueError(f"ablation: {run} and {first} differ in more than their inputs: {told}; train them alike")
+            differences = ", ".join(f"{key} is {settings[key]!r} and {reference[key]!r}" for key in other)
+            raise ValueError(
+                f"ablation: {run} and {first} differ in more than their inputs: {differences}; train them alike"
+            )
         name = modality(network.run.experiment.prepare.inputs)
         if name in named:
             raise ValueError(f"ablation: two runs have the inputs {name}, one of them is {run}; leave one out")
@@ -290,8 +292,8 @@ def _notes(rows: Sequence[AblationRow]) -> str:
 
 def _sentence(rows: Sequence[AblationRow]) -> str:
     best = best_networks(rows)
-    told = [("mae", "error of intensity")] + ([("frechet", rows[0].frechet.name)] if rows[0].frechet else [])
-    text = " and ".join(f"{best[key] or 'no single network'} has the least {words}" for key, words in told)
+    columns = [("mae", "error of intensity")] + ([("frechet", rows[0].frechet.name)] if rows[0].frechet else [])
+    text = " and ".join(f"{best[key] or 'no single network'} has the least {words}" for key, words in columns)
     return f"{text[0].upper()}{text[1:]} of {len(rows)} networks."
 
 

@@ -41,8 +41,8 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
     checkpoints = [Checkpoints(folder) for folder in folders]
     steps = {str(folder): saved.latest for folder, saved in zip(folders, checkpoints, strict=True)}
     if len(set(steps.values())) > 1:
-        told = ", ".join(f"{folder} {step or 'none'}" for folder, step in steps.items())
-        raise ValueError(f"join: the runs are at different steps ({told}); train them all to the same one")
+        listed = ", ".join(f"{folder} {step or 'none'}" for folder, step in steps.items())
+        raise ValueError(f"join: the runs are at different steps ({listed}); train them all to the same one")
     joined, kept = _joined(runs[0], len(runs), out), Checkpoints(out)
     check_folder(out, joined.experiment)
     if kept.latest and kept.latest >= (checkpoints[0].latest or 0):

@@ -69,7 +69,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     scores = {}
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
     bar = Progress(total=training.steps, initial=start, disable=not writes, **shown)
-    told = StepLog(run.log, bar, every=settings.log_every)
+    step_log = StepLog(run.log, bar, every=settings.log_every)
     if start and training.due(start, training.judge_every) and writes and not run.log.validated(start):
         scores = run.judge(state, start)  # killed after it saved this step, before it judged it
     try:
@@ -80,7 +80,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
                 if not bool(metrics["finite"]):
                     run.log.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
                 state, step = updated, k + 1
-                told.add(step, metrics, last=step == training.steps)
+                step_log.add(step, metrics, last=step == training.steps)
                 # Saved before it is judged: judging may take long, and may fail.
                 if training.due(step, training.save_every):
                     run.save(state, step)
@@ -90,7 +90,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
         bar.close()
         with uninterrupted():  # half a checkpoint would stand in the way of the next one of its step
             run.save(state, step)
-        lost = f"; {words}" if (words := told.left_out.words()) else ""
+        lost = f"; {words}" if (words := step_log.left_out.words()) else ""
         raise type(stop)(f"stopped after step {step}, saved in {folder}; the same command resumes{lost}") from None
     bar.close()
 

@@ -109,7 +109,7 @@ def test_an_answer_is_the_control_of_the_next(folders: Folders, tmp_path: Path, 
     def answer(*, control, **_):
         seen.append(control)
         # Levels tell that frames were compared ray by ray.
-        return dataclasses.replace(results.named(), verdict=with_levels(results.named().verdict), sensor=lacking)
+        return dataclasses.replace(results.named(), verdict=with_levels(results.named().verdict), effects_model=lacking)
 
     monkeypatch.setattr("jaxsim.discover.discover_folders", answer)
     given = {"measured": folders[0], "simulated": folders[1]}

@@ -130,7 +130,7 @@ def none() -> Result:
         result.verdict, verdict="none", effects=(), where=(), gap=gap, closure=None, ranking=result.verdict.ranking[3:]
     )
     flat = maps(np.zeros((ROWS, 1)))
-    return replace(result, verdict=verdict, sensor=SensorModel(), maps_before=flat, maps_after=flat, curves=())
+    return replace(result, verdict=verdict, effects_model=SensorModel(), maps_before=flat, maps_after=flat, curves=())
 
 
 def contrast() -> Contrast:

@@ -145,8 +145,8 @@ def reading(by: str, path: Path, hint: str) -> Iterator[None]:
         try:
             yield
         except Exception as error:  # libraries of formats have no common base for their errors
-            told = isinstance(error, ValueError) and str(error).startswith(f"{by}:")
-            if told or isinstance(error, ModuleNotFoundError):
+            ours = isinstance(error, ValueError) and str(error).startswith(f"{by}:")
+            if ours or isinstance(error, ModuleNotFoundError):
                 raise
             words = f"{type(error).__name__}: {first_line(error)}"
             raise ValueError(f"{by}: {path} cannot be read ({words}); {hint}") from error

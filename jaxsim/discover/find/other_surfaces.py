@@ -130,8 +130,8 @@ def apart_in_words(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> str:
     share = apart.sum() / max((apart | np.asarray(scan.hit)).sum(), 1)
     of_class = shares_of_classes(apart, scan)
     most = sorted(of_class, key=of_class.__getitem__)[: -RULES.apart_classes_told - 1 : -1]
-    told = [f"{of_class[one]:.0%} of {NAMES[one]}" for one in most]
-    where = f" ({', '.join(told)})" if told else ""
+    shares = [f"{of_class[one]:.0%} of {NAMES[one]}" for one in most]
+    where = f" ({', '.join(shares)})" if shares else ""
     return f"{share:.1%} of the rays{where}"
 
 

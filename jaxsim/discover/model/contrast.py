@@ -130,17 +130,17 @@ def class_trend(
     semantic: Int[np.ndarray, " n"],
     incidence_rad: Float[np.ndarray, " n"],
     range_m: Float[np.ndarray, " n"],
-    told: Bool[np.ndarray, " n"] | None = None,
+    telling: Bool[np.ndarray, " n"] | None = None,
 ) -> Float[np.ndarray, " n"]:
-    """What a simulator says of ln I, `level`, by class, angle and range; by the rays that are `told`, by default all.
+    """What a simulator says of ln I, `level`, by class, angle and range, by the rays that are `telling` (default: all).
     At angles and ranges that these do not reach, what it says of the nearest that they do; 0 of a class without any."""
-    told = np.ones(len(level), bool) if told is None else told
+    telling = np.ones(len(level), bool) if telling is None else telling
     slant = np.log(np.maximum(np.cos(incidence_rad), STEEPEST_COSINE))
     far = np.log(np.maximum(range_m, LEAST_M))
     result = np.zeros(len(level))
-    for kind in np.unique(semantic[told]):
+    for kind in np.unique(semantic[telling]):
         of = semantic == kind
-        tells = told[of]
+        tells = telling[of]
         # A class of few rays says nothing of angles.
         over = (slant, far) if tells.sum() >= RULES.fewest_of_class else ()
         columns = np.stack([np.ones(len(tells)), *(term for x in over for term in _bent(x[of], tells))], axis=-1)
@@ -148,8 +148,8 @@ def class_trend(
     return result
 
 
-def _bent(x: Float[np.ndarray, " n"], told: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "2 n"]:
+def _bent(x: Float[np.ndarray, " n"], telling: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "2 n"]:
     """The terms of a trend that may bend, held beyond what is told."""
-    held = np.clip(x, x[told].min(), x[told].max())
+    held = np.clip(x, x[telling].min(), x[telling].max())
     # Powers of the cosine and of the range are lines in logarithms; squares let them bend.
     return np.stack([held, held**2])

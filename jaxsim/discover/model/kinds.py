@@ -55,13 +55,13 @@ def kinds_of(scan: Scan, index: RayIndex) -> Kinds:
         return _by_level(names, kind[index], intensity=np.asarray(scan.intensity)[index], levels=levels)
     albedo = _log_albedo(scan)
     ground = _ground(scan)
-    told: list[str] = []
+    labels: list[str] = []
     shares: list[np.ndarray] = []
     for name, kind in zip(BARE, (ground, ~ground), strict=True):
         of_kind = kind & np.asarray(scan.hit)
         if of_kind.any():
             knots = _knots(albedo[of_kind], KNOT_QUANTILES, apart=RULES.albedo_apart)
-            told += [f"{name} of albedo {np.exp(knot):.2g}" for knot in knots]
+            labels += [f"{name} of albedo {np.exp(knot):.2g}" for knot in knots]
             # Every kind has columns of its own: a knot of the ground's curve says nothing of walls.
             shares.append(np.where(kind[index][..., None], hats(albedo[index], knots), 0.0))
     standing = hit & ~ground
@@ -69,9 +69,9 @@ def kinds_of(scan: Scan, index: RayIndex) -> Kinds:
     knots = _knots(height_m[standing], HEIGHT_QUANTILES, apart=RULES.heights_apart_m)
     # At one height there is nothing to be told from it.
     if len(knots) > 1:
-        told += [f"{BARE[1]} at {knot:.2g} m" for knot in knots]
+        labels += [f"{BARE[1]} at {knot:.2g} m" for knot in knots]
         shares.append(np.where(standing[index][..., None], hats(height_m[index], knots), 0.0))
-    return Kinds(tuple(told), np.concatenate(shares, axis=-1).astype(np.float32))
+    return Kinds(tuple(labels), np.concatenate(shares, axis=-1).astype(np.float32))
 
 
 def _by_level(
@@ -82,19 +82,19 @@ def _by_level(
     levels: Float[np.ndarray, " l"] | None,
 ) -> Kinds:
     """Kinds with a column each; where there are `levels`, one for each that a kind has."""
-    told: list[str] = []
+    labels: list[str] = []
     shares: list[np.ndarray] = []
     for number, name in names.items():
         of_kind = kind == number
         if levels is None:
-            told.append(name)
+            labels.append(name)
             shares.append(of_kind)
             continue
         at = np.abs(intensity[..., None] - levels).argmin(-1)
         for level in np.unique(at[of_kind]):
-            told.append(f"{name} of intensity {levels[level]:.3g}")
+            labels.append(f"{name} of intensity {levels[level]:.3g}")
             shares.append(of_kind & (at == level))
-    return Kinds(tuple(told), np.stack(shares, axis=-1).astype(np.float32))
+    return Kinds(tuple(labels), np.stack(shares, axis=-1).astype(np.float32))
 
 
 def few_levels(

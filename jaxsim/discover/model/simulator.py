@@ -278,8 +278,8 @@ def _off_trend(
     both = {name: np.concatenate([here[name], at[name]]) for name in at}
     # A reading that is off by more than such noise is of another material, and that of nothing has no logarithm.
     tells = (variance < TREND_NOISE**2) & (np.abs(np.asarray(intensities.detail)[every]) < 3 * TREND_NOISE)
-    told = np.concatenate([tells, np.zeros(at["range_m"].size, bool)])
-    nats = class_trend(np.concatenate([off, np.zeros(at["range_m"].size)]), **both, told=told)
+    telling = np.concatenate([tells, np.zeros(at["range_m"].size, bool)])
+    nats = class_trend(np.concatenate([off, np.zeros(at["range_m"].size)]), **both, telling=telling)
     return nats[len(off) :].reshape(np.asarray(index[0]).shape)
 
 

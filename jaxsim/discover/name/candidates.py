@@ -131,8 +131,8 @@ def rank_effects(
     with ThreadPoolExecutor(THREADS) as pool:
         # Effects that round are tried where a lattice was read off the data, and nowhere else.
         tried = [e for e in effects if e.name not in FINEST or e.name in trial.steps]
-        told = {"total": len(tried), "desc": "fitting", "unit": "effect", "leave": False}
-        ranking = list(Progress(pool.map(trial.candidate, tried), **told))
+        shown = {"total": len(tried), "desc": "fitting", "unit": "effect", "leave": False}
+        ranking = list(Progress(pool.map(trial.candidate, tried), **shown))
     return sorted(ranking, key=lambda candidate: -candidate.total)
 
 

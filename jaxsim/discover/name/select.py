@@ -163,8 +163,8 @@ def choose(
     first = add_steps(problem, catalogue, (), ranking=ranking, bars=bars, refuse=refuse, log=log)
     choice = second_choice(problem, catalogue, first, bars=bars, refuse=refuse, log=log)
     # The first ranking is told whole, with what was added and taken back.
-    told = tuple(replace(step, ranking=tuple(ranking)) for step in choice.steps[:1])
-    return replace(choice, steps=(*told, *choice.steps[1:]))
+    of_first = tuple(replace(step, ranking=tuple(ranking)) for step in choice.steps[:1])
+    return replace(choice, steps=(*of_first, *choice.steps[1:]))
 
 
 def second_choice(

@@ -130,9 +130,9 @@ def _hidden_below(cells: GridCells, *, closed: bool) -> float | None:
     cell = azimuth_bin * shape[1] + at
     count = np.cumsum(np.bincount(cell, cells.hits, shape[0] * shape[1]).reshape(shape), axis=1)
     gone = np.cumsum(np.bincount(cell, cells.lost, shape[0] * shape[1]).reshape(shape), axis=1)
-    told = np.where(gone > RULES.hidden_share * count, _speak_for_hidden(gone, count), 0).sum(0)
-    best = int(told.argmax())
-    if best + 1 >= len(told) or told[best] <= RULES.gate_nats:
+    evidence = np.where(gone > RULES.hidden_share * count, _speak_for_hidden(gone, count), 0).sum(0)
+    best = int(evidence.argmax())
+    if best + 1 >= len(evidence) or evidence[best] <= RULES.gate_nats:
         return None
     return float(rows[best : best + 2].mean())
 
@@ -174,9 +174,9 @@ def _border(away: Float[np.ndarray, " n"], nats: Float[np.ndarray, " n"]) -> tup
 def _wave(problem: Problem) -> tuple[Start, ...]:
     """The waves along the range that say most of the readings' errors: a wave of another length pulls nowhere."""
     ev = problem.ev
-    told = ev.smooth & ev.rays.hit
-    r = ev.rays.range_m[told]
-    off = (ev.range_m - ev.rays.reading_m)[told]
+    usable = ev.smooth & ev.rays.hit
+    r = ev.rays.range_m[usable]
+    off = (ev.range_m - ev.rays.reading_m)[usable]
     near = np.abs(off) < RULES.wave_most_m
     # Both sides may have the very ranges, as beside Lambert's law on the measured ones.
     if near.sum() < RULES.fewest_residuals or np.ptp(off[near]) == 0:

@@ -69,24 +69,24 @@ class Control:
         beams.
         """
         folder = Path(folder)
-        told = folder / "verdict.json"
-        if not told.is_file():
+        file = folder / "verdict.json"
+        if not file.is_file():
             raise ValueError(
-                f"discover: no file {told}; a control is the folder of an earlier answer (`jaxsim discover ... --out "
+                f"discover: no file {file}; a control is the folder of an earlier answer (`jaxsim discover ... --out "
                 "CONTROL`) on frames of the same simulator where the sensor was as it should be"
             )
-        content = read_json(told, by="discover")
-        with placed(f"discover: {told} is no verdict of `jaxsim discover`", KeyError, TypeError, AttributeError):
+        content = read_json(file, by="discover")
+        with placed(f"discover: {file} is no verdict of `jaxsim discover`", KeyError, TypeError, AttributeError):
             paired, contrast = content["levels"], content.get("contrast")
             beside = content.get("control")
         if not paired:
             raise ValueError(
-                f"discover: {told} is an answer of --unpaired frames, which are not compared ray by ray; give one of "
+                f"discover: {file} is an answer of --unpaired frames, which are not compared ray by ray; give one of "
                 "frames of the same names as the control"
             )
         if beside:
             raise ValueError(
-                f"discover: {told} is itself an answer beside a control, and says only what came on top of that; give "
+                f"discover: {file} is itself an answer beside a control, and says only what came on top of that; give "
                 "that control, or an answer without one"
             )
         model = SensorModel.load(folder / "sensor.json", rows=rows)

@@ -27,22 +27,22 @@ from jaxsim.effects.region import Region
 from jaxsim.progress import Log
 
 
-def regime_of(told: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:
+def regime_of(sizes: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for."""
-    confined, divides = told.confined, lead.finding.question.divides
+    confined, divides = sizes.confined, lead.finding.question.divides
     least = least_size(confined.plain)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
     columns = np.asarray(confined.region.in_sector(azimuth))
     counted = False
     if divides == "azimuth":
         x = azimuth[[(2 * k + 1) * len(azimuth) // (2 * facts.sectors) for k in range(facts.sectors)]]
-        size = sizes_at(told.slopes, facts.sector, facts.sectors, least=least)
+        size = sizes_at(sizes.slopes, facts.sector, facts.sectors, least=least)
         inside = np.asarray(confined.region.in_sector(x))
     else:
         # Of a single drive, whose sectors are its scenes, each has all moments: frames are shown instead.
         group = facts.scene if len(set(facts.names)) > 1 else np.unique(facts.frame, return_inverse=True)[1]
         of_column = np.broadcast_to(group[:, None], facts.column.shape)
-        size = sizes_at(told.slopes, of_column, int(group.max()) + 1, least=least)
+        size = sizes_at(sizes.slopes, of_column, int(group.max()) + 1, least=least)
         first = np.unique(group, return_index=True)[1]
         time_s = np.asarray(facts.scan.time_s, float)[facts.frame[first]]
         counted = len(np.unique(time_s)) < len(first)
@@ -53,8 +53,8 @@ def regime_of(told: Sized, lead: Lead, judge_nats: float, *, facts: Facts) -> Re
         divides=divides,
         where=confined.region,
         share=float(confined.frames.mean() * columns.mean()),
-        inside=told.inside,
-        outside=told.outside,
+        inside=sizes.inside,
+        outside=sizes.outside,
         p_value=lead.finding.p_value,
         q_value=lead.q_value,
         judge_nats=judge_nats,
@@ -105,24 +105,24 @@ def find_regimes(
             beside = lead.step is None and lead.finding.question.divides == "scene" and controlled
             if beside or not _promising(lead, choice, regimes):
                 continue
-            told = _sized(lead, null, choice, facts=facts)
-            if told is None:
+            sizes = _sized(lead, null, choice, facts=facts)
+            if sizes is None:
                 continue
             # They are dear to make, and mostly nobody asks them.
             judge_scenes = judge_scenes or JudgeScenes.of(AllScenes.of(model))
-            trial = _with(null, choice, told.confined.step, at=lead.step)
+            trial = _with(null, choice, sizes.confined.step, at=lead.step)
             # The free curve for which nothing was named may explain clearly more of a channel than an effect in a part,
             # too; what that says in other channels stands.
-            curve = answer.curve if lead.step is None and not stands_beside(answer, told) else None
+            curve = answer.curve if lead.step is None and not stands_beside(answer, sizes) else None
             if curve and outdone(trial, *curve, numbers=curve_numbers(null, curve[0])):
                 continue
-            confined, gained = judge_scenes.gained(told.confined, trial, choice, facts=facts)
+            confined, gained = judge_scenes.gained(sizes.confined, trial, choice, facts=facts)
             if gained <= 0:
                 continue
             log(f"{confined.plain.name} acts in a part alone: {confined.advantage:.0f} nats more than everywhere")
             # Judge scenes may have joined the region.
             choice = _with(null, choice, confined.step, at=lead.step)
-            regimes.append(regime_of(told._replace(confined=confined), lead, gained, facts=facts))
+            regimes.append(regime_of(sizes._replace(confined=confined), lead, gained, facts=facts))
     if not regimes:
         return Divided(answer)
     choice = _needed(null, choice, log=log)
@@ -146,9 +146,9 @@ def _needed(null: Problem, choice: Choice, *, log: Log) -> Choice:
     return replace(choice, steps=kept, problem=problem, needless=(*choice.needless, *gone))
 
 
-def stands_beside(answer: Answer, told: Sized) -> bool:
+def stands_beside(answer: Answer, sizes: Sized) -> bool:
     """Whether an effect in its region stays named whatever the answer's free curve explains, if it has one."""
-    return answer.curve is None or stands(told.confined.step, answer.curve[0].channel)
+    return answer.curve is None or stands(sizes.confined.step, answer.curve[0].channel)
 
 
 def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
@@ -182,9 +182,9 @@ def _sized(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Sized 
     if lead.step is not None and not lead.named and not worse(choice.steps[lead.step].chosen, chosen):
         return None
     # What may act outside as well is no regime, however much it gains inside; nor is what may be as little inside.
-    told = sized(confined, facts)
-    apart = told.outside.high < min(RULES.regime_outside * told.inside.value, told.inside.low)
-    return told if apart else None
+    sizes = sized(confined, facts)
+    apart = sizes.outside.high < min(RULES.regime_outside * sizes.inside.value, sizes.inside.low)
+    return sizes if apart else None
 
 
 def _with(null: Problem, choice: Choice, confined: FittedStep, *, at: int | None) -> Choice:

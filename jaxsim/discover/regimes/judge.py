@@ -91,9 +91,9 @@ class JudgeScenes:
         judged = self.scenes.in_fit == 0
         of_block = moment[self.scenes.division.blocks.frame]
         first, last = confined.region.time_s or (None, None)
-        told = {"found": np.unique(of_block[~judged]), "moment": of_block[judged], "gain": gain[judged]}
-        begin = None if first is None else best_moment(first, after=True, **told)
-        end = None if last is None else best_moment(last, after=False, **told)
+        moments = {"found": np.unique(of_block[~judged]), "moment": of_block[judged], "gain": gain[judged]}
+        begin = None if first is None else best_moment(first, after=True, **moments)
+        end = None if last is None else best_moment(last, after=False, **moments)
         return replace(confined.region, time_s=(begin, end))
 
 

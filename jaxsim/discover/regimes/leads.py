@@ -51,7 +51,7 @@ def of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Que
             continue
         rest = [c for c in step.ranking if c.effect is not effect and c.effect.name not in choice.refused]
         for division in _divisions(
-            effect, step.fit, without_step(null, choice, k), facts=facts, asked=asked, told=asked
+            effect, step.fit, without_step(null, choice, k), facts=facts, asked=asked, facts_asked=asked
         ):
             leads.append(Lead(division, (step.chosen, *rest), k, step.fit, named=True))
     return leads
@@ -80,7 +80,7 @@ def of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequenc
         # do not show at all they do not dispute. What all of them show in an arc alone may be weak in the whole.
         shown = not k or candidate.total > choice.bars.effect
         result = candidate.fits[0]
-        for division in _divisions(candidate.effect, result, null, facts=facts, asked=arcs, told=asked):
+        for division in _divisions(candidate.effect, result, null, facts=facts, asked=arcs, facts_asked=asked):
             # What divides whole scenes may be anything that they differ in; all have a part of a sector, or of a moment
             # of their one drive.
             of_scenes = division.question.between_scenes(facts.scene) is not None
@@ -125,23 +125,23 @@ def _divisions(
     *,
     facts: Facts,
     asked: Sequence[Question],
-    told: Sequence[Question],
+    facts_asked: Sequence[Question],
 ) -> list[FoundRegion]:
     """What divides an effect that was fitted on top of `problem`: the best region of every question, and scenes by
-    their own sizes; these by what frames say of them (`told`), where that is the same."""
+    their own sizes; these by what frames say of them (`facts_asked`), where that is the same."""
     # Even and odd columns apart: noise does not agree between them, what a scene shows does.
     halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
     both = cells_of(effect, problem, result, sector=halves, sectors=2 * facts.sectors)
     by_size = scenes_by_size(both, facts)
     whole = both.folded()
     found = [best_region(question, whole, facts.scene) for question in asked]
-    return [*found, _as_told(by_size, told, facts)] if by_size else found
+    return [*found, _as_frames_say(by_size, facts_asked, facts)] if by_size else found
 
 
-def _as_told(by_size: FoundRegion, told: Sequence[Question], facts: Facts) -> FoundRegion:
+def _as_frames_say(by_size: FoundRegion, facts_asked: Sequence[Question], facts: Facts) -> FoundRegion:
     """The scenes by what frames say of them, where a moment or a tag divides them just so."""
     own = by_size.question.between_scenes(facts.scene)
-    for question in told:
+    for question in facts_asked:
         whole = question.between_scenes(facts.scene)
         alike = np.flatnonzero((whole == own).all(1)) if whole is not None and own is not None else []
         if len(alike):

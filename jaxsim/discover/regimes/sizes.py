@@ -52,9 +52,9 @@ def sized(confined: Confined, facts: Facts) -> Sized:
     inside = slopes_of(law, confined.problem, confined)
     outside = slopes_of(opposite, beside, confined)
     least = least_size(confined.plain)
-    told = [size_of(_of_scenes(slopes, facts), least) for slopes in (inside, outside)]
+    both = [size_of(_of_scenes(slopes, facts), least) for slopes in (inside, outside)]
     # Neither acts on the columns of the other.
-    return Sized(confined, told[0], told[1], inside + outside)
+    return Sized(confined, both[0], both[1], inside + outside)
 
 
 def least_size(law: Law) -> float:

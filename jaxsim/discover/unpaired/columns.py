@@ -66,8 +66,8 @@ GROUND_PATCH_M = 4.0
 
 def untold(*, classes: bool) -> tuple[str, ...]:
     """Effects that cannot be told where the streets differ; `classes`: whether both sides know them."""
-    told = {*OF_INTENSITY, *OF_LOSS, *OF_READINGS, *(OF_CLASSES if classes else ())}
-    return tuple(name for name in EFFECTS if name not in told)
+    tellable = {*OF_INTENSITY, *OF_LOSS, *OF_READINGS, *(OF_CLASSES if classes else ())}
+    return tuple(name for name in EFFECTS if name not in tellable)
 
 
 @dataclass(frozen=True)

@@ -182,9 +182,9 @@ def _single_rays(
         return [_of_share("random_dropout", p, share, probability=beyond)], []
     notes = []
     for name, shares in uneven.items():
-        told = ", ".join(f"{100 * part:.2g} %" for part in shares)
+        percentages = ", ".join(f"{100 * part:.2g} %" for part in shares)
         notes.append(
-            f"rays are lost unevenly along the {name} ({told}): no random_dropout alone; which effect does it "
+            f"rays are lost unevenly along the {name} ({percentages}): no random_dropout alone; which effect does it "
             "cannot be told from lost rays unpaired"
         )
     return [], notes

@@ -149,8 +149,8 @@ class Verdict:
     def judged_nats(self, *channels: str) -> float:
         """Tells what judge scenes gain in these channels, in their mean, with all in place that was found: nats a
         scene."""
-        told = [self.gap[channel].gained for channel in channels if channel in self.gap]
-        return sum(one.value for one in told if one is not None)
+        gains = [self.gap[channel].gained for channel in channels if channel in self.gap]
+        return sum(one.value for one in gains if one is not None)
 
     def to_json(self) -> dict[str, Any]:
         """Gives the content of verdict.json (docs/verdict.md)."""

@@ -125,7 +125,7 @@ def epochs_chart(curves: Mapping[str, Sequence[Sequence[float]]]) -> Canvas | No
     up = lambda ap: bottom - height * ap / top  # noqa: E731
     level_lines(canvas, up, [top * part / 5 for part in range(6)], left=_LEFT, right=right)
     words = lambda k: "last" if k == count - 1 else f"last - {count - 1 - k}"  # noqa: E731
-    x_axis(canvas, middle, range(count), left=_LEFT, right=right, bottom=bottom, words="checkpoint", told=words)
+    x_axis(canvas, middle, range(count), left=_LEFT, right=right, bottom=bottom, words="checkpoint", text_of=words)
     x = middle(np.arange(count))
     for k, seeds in enumerate(curves.values()):
         if not seeds:

@@ -149,8 +149,8 @@ def quantiles_of(
     network: TrainedNetwork, x: Float[np.ndarray, "rows columns c"]
 ) -> Float[np.ndarray, "rows columns q"]:
     """What a sensor's network holds possible of each cell, 0..1, rising."""
-    told = (np.asarray(network(x))[..., : len(QUANTILES)] + 1) / 2
-    return np.clip(np.sort(told, axis=-1), 0, 1)
+    quantiles = (np.asarray(network(x))[..., : len(QUANTILES)] + 1) / 2
+    return np.clip(np.sort(quantiles, axis=-1), 0, 1)
 
 
 def breaks_in(image: RangeImage) -> Breaks:

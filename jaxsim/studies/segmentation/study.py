@@ -135,10 +135,12 @@ class Study:
             config=self.config,
         )
         judged = self.to_judge(part)
-        told = networks.classify(
+        predicted = networks.classify(
             network, [networks.of_segmentation(image, image.intensity * (kind != "none")) for image in judged]
         )
-        confusions = sum(confusion(image.label, guess, self.classes) for image, guess in zip(judged, told, strict=True))
+        confusions = sum(
+            confusion(image.label, guess, self.classes) for image, guess in zip(judged, predicted, strict=True)
+        )
         write_text(path, json.dumps({"confusion": np.asarray(confusions).tolist()}))
 
     def iou(self, kind: str) -> Float[np.ndarray, "seeds known"]:
@@ -182,10 +184,10 @@ class Study:
         return f"{head}{seeds} seed{'s' * (seeds > 1)}.\n\n{markdown_table(heads, rows)}\n\n{words}"
 
 
-def confusion(label: Int[np.ndarray, "*n"], told: Int[np.ndarray, "*n"], classes: int) -> Confusion:
+def confusion(label: Int[np.ndarray, "*n"], predicted: Int[np.ndarray, "*n"], classes: int) -> Confusion:
     """Labelled cells (class above 0) by true and told class."""
     known = label > 0
-    return np.bincount(classes * label[known] + told[known], minlength=classes**2).reshape(classes, classes)
+    return np.bincount(classes * label[known] + predicted[known], minlength=classes**2).reshape(classes, classes)
 
 
 def class_iou(cells: Confusion) -> Float[np.ndarray, " known"]:

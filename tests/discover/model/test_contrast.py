@@ -84,11 +84,11 @@ def test_a_trend_holds_what_the_nearest_rays_that_are_told_say():
     steep = angle < 0.9
     # Beyond what is told anything may stand.
     told = class_trend(
-        np.where(steep, level, 9.0), semantic=kind, incidence_rad=angle, range_m=np.full(n, 10.0), told=steep
+        np.where(steep, level, 9.0), semantic=kind, incidence_rad=angle, range_m=np.full(n, 10.0), telling=steep
     )
     np.testing.assert_allclose(told[steep], level[steep], atol=1e-3)
     np.testing.assert_allclose(told[~steep], np.log(np.cos(0.9)), atol=2e-3)
-    none = class_trend(level, semantic=kind, incidence_rad=angle, range_m=np.full(n, 10.0), told=steep & (kind == 7))
+    none = class_trend(level, semantic=kind, incidence_rad=angle, range_m=np.full(n, 10.0), telling=steep & (kind == 7))
     assert (none[kind == 11] == 0).all()
 
 

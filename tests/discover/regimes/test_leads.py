@@ -95,7 +95,7 @@ def test_rivals_in_some_drives_are_those_that_gain_most_there_forwards_or_back(m
 
 def test_drives_told_by_their_readings_are_told_by_a_tag_where_it_divides_them_just_so():
     facts = SimpleNamespace(scene=None)
-    as_told = inspect.unwrap(leads._as_told)
+    as_frames_say = inspect.unwrap(leads._as_frames_say)
 
     def divided_by(divides, *scenes):
         whole = np.stack([np.isin(np.arange(6), one) for one in scenes])
@@ -103,5 +103,5 @@ def test_drives_told_by_their_readings_are_told_by_a_tag_where_it_divides_them_j
 
     by_size = FoundRegion(divided_by("scene", [1, 3, 4]), 0, 0.002)
     tags = [divided_by("tag", [0, 1, 3]), divided_by("tag", [0, 2], [1, 3, 4])]
-    assert as_told(by_size, tags, facts) == FoundRegion(tags[1], 1, 0.002)
-    assert as_told(by_size, tags[:1], facts) is by_size
+    assert as_frames_say(by_size, tags, facts) == FoundRegion(tags[1], 1, 0.002)
+    assert as_frames_say(by_size, tags[:1], facts) is by_size
