@@ -1,4 +1,4 @@
-"""Makes the pictures of the README and the pages: `python docs/make_pictures.py` (after `python train.py`)."""
+"""Makes the pictures of the README and the pages: `python docs/make_pictures.py`, or with the names of some."""
 
 import sys
 from pathlib import Path
@@ -23,7 +23,6 @@ from jaxsim.report.pictures import beside, colour_scalar, draw_cloud, intensity_
 from jaxsim.simulate.predict import make_predict
 
 PICTURES = Path(__file__).parent / "pictures"
-RUN = Path("runs/synthetic")
 
 
 def shrunk(picture: np.ndarray, width: int) -> np.ndarray:
@@ -52,11 +51,13 @@ def sweep() -> None:
 
 def synthetic() -> None:
     """A validation frame: inputs, prediction, measurement; and the simulated cloud beside the measured one."""
-    sensor = jaxsim.load(RUN)
+    sensor = jaxsim.load("embedded")
     world = open_dataset(sensor.run.experiment.data)
     pair, grid = prepare_frame(world[1920], world.spec, sensor.run.experiment.prepare)
-    predicted = np.asarray(make_predict(sensor.generate, sensor.run.experiment.prepare)(sensor.params, pair).reported)
-    save_picture(PICTURES / "synthetic.png", shrunk(pair_picture(pair, predicted, title=world.name_of(1920)), 1116))
+    says = make_predict(sensor.generate, sensor.run.experiment.prepare)(sensor.params, pair)
+    predicted, spread = np.asarray(says.reported), np.asarray(says.quantiles[..., -1] - says.quantiles[..., 0])
+    picture = pair_picture(pair, predicted, title=world.name_of(1920), spread=spread)
+    save_picture(PICTURES / "synthetic.png", shrunk(picture, 1116))
 
     def view(cloud: Cloud, title: str) -> np.ndarray:
         points = points_of(cloud)

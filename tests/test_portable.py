@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import jaxsim
-from configs.embedded import experiment
 from configs.kitti_drives import experiment as drives
+from configs.synthetic import experiment
 from jaxsim.cli import main
 from jaxsim.config import GeneratorConfig, PrepareConfig
 from jaxsim.portable import PLATFORMS, export_network, onnx_model

@@ -2,8 +2,9 @@
 
     python benchmarks/speed/live.py
 
-The rays go through the U-Net of `configs/kitti_drives` without the camera's inputs, and through the travelling sensor's
-generator; the view through the travelling sensor itself. Weights of the first two are random: they do not change time.
+The rays go through the U-Net of `configs/kitti_drives` without the camera's inputs, and through the generator of
+`configs/synthetic` with 16 filters; the view through the travelling sensor itself. Weights of the first two are random:
+they do not change time.
 """
 
 import tempfile
@@ -15,8 +16,8 @@ import numpy as np
 from timing import interleave
 
 import jaxsim
-from configs.embedded import experiment as embedded
 from configs.kitti_drives import experiment as drives
+from configs.synthetic import experiment as synthetic
 from jaxsim.config import Experiment
 from jaxsim.frame import Cloud
 from jaxsim.geometry import full_grid, preset
@@ -39,7 +40,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as work:
         unet = of_rays(drives, Path(work) / "unet")
         four, once = unet.attach_rays(place), unet.looking(1).attach_rays(place)
-        generator = of_rays(embedded, Path(work) / "generator").attach_rays(place)
+        generator = of_rays(
+            replace(synthetic, generator=replace(synthetic.generator, filters=16)), Path(work) / "generator"
+        ).attach_rays(place)
         camera = jaxsim.load("embedded").attach(view)
 
     def done(cloud: Cloud) -> Cloud:

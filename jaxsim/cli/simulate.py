@@ -18,6 +18,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report.clouds import draw_simulated, write_simulated
 from jaxsim.report.scenes import CLOUDS_PAGE
+from jaxsim.simulate.embedded import folder_of
 from jaxsim.simulate.folder import CloudFormat, FrameMaker, simulate_folder
 from jaxsim.simulate.grain import read_grain
 from jaxsim.simulate.learned_sensor import LearnedSensor, Projection, load
@@ -91,7 +92,7 @@ class Simulate(OnWorkers, IntoFolder):
             effects_model=SensorModel.load(self.effects, rows=learned.rows) if self.effects else None,
             seed=self.seed,
             draws=self.draws,
-            grain=read_grain(self.run) if together else None,
+            grain=read_grain(folder_of(self.run)) if together else None,
             projection=self.projection,
             formats=self.formats,
             batch=self.batch,

@@ -8,11 +8,10 @@ import pytest
 
 import jaxsim
 from configs.embedded import experiment
-from jaxsim.config import GeneratorConfig
 from jaxsim.simulate.embedded import FILES, FOLDER, SUMS_FILE, is_embedded, read_embedded
 from tests.untrained import untrained_run
 
-SMALL = replace(experiment, generator=GeneratorConfig(filters=4, blocks=1, downsamples=1, enhancer_blocks=1))
+SMALL = replace(experiment, generator=replace(experiment.generator, filters=4, max_filters=8, downsamples=1))
 
 
 def test_it_is_the_experiment_of_configs_and_weighs_less_than_five_megabytes():

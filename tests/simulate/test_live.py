@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxsim
-from configs.embedded import experiment
+from configs.synthetic import experiment
 from jaxsim.config import GeneratorConfig, PrepareConfig
 from jaxsim.data.carla import TAGS_0_9_14, intrinsics
 from jaxsim.data.cityscapes import IDS

@@ -20,7 +20,7 @@ from jaxsim.weights import checked_arrays, read_state_dict
 
 NAME = "embedded"
 FOLDER = Path(__file__).parent
-FILES = ("config.json", "generator.npz")
+FILES = ("config.json", "generator.npz", "grain.json")
 SUMS_FILE = "SHA256SUMS"
 Tree = Any
 
@@ -28,6 +28,11 @@ Tree = Any
 def is_embedded(folder: Path | str) -> bool:
     """Whether a name asks for this sensor: it is `embedded`, and no run lies in a folder of that name here."""
     return Path(folder) == Path(NAME) and not (Path(folder) / "config.json").is_file()
+
+
+def folder_of(run: Path) -> Path:
+    """Where the files of a run lie: in its folder, and those of `embedded` in the package."""
+    return FOLDER if is_embedded(run) else run
 
 
 def read_embedded(folder: Path = FOLDER) -> tuple[Run, Tree]:

@@ -13,12 +13,13 @@ from jaxsim.simulate.embedded import FILES, FOLDER, SUMS_FILE, name_of, shapes_o
 
 
 def pack(source: Path, folder: Path = FOLDER) -> None:
-    """Writes the settings and the averaged generator of a trained run, and their SHA-256."""
+    """Writes the settings, the averaged generator and the grain of a trained run, and their SHA-256."""
     parameters = Checkpoints(source).restore("generator", shapes_of(load_run(source)))
     leaves = jax.tree.leaves_with_path(parameters)
     stored: dict[str, Any] = {name_of(path): np.asarray(leaf) for path, leaf in leaves}
     np.savez_compressed(folder / "generator.npz", **stored)
-    (folder / "config.json").write_bytes((source / "config.json").read_bytes())
+    for name in ("config.json", "grain.json"):
+        (folder / name).write_bytes((source / name).read_bytes())
     (folder / SUMS_FILE).write_text("".join(f"{sha256_of(folder / name)}  {name}\n" for name in FILES))
 
 

@@ -7,19 +7,22 @@ import numpy as np
 
 import jaxsim
 from configs.embedded import experiment
-from jaxsim.config import GeneratorConfig
-from jaxsim.simulate.embedded import read_embedded
+from jaxsim.simulate.embedded import FOLDER, read_embedded
 from jaxsim.simulate.embedded.pack import pack
+from jaxsim.simulate.grain import FILE as GRAIN
+from jaxsim.simulate.grain import read_grain
 from tests.untrained import untrained_run
 
-SMALL = replace(experiment, generator=GeneratorConfig(filters=4, blocks=1, downsamples=1, enhancer_blocks=1))
+SMALL = replace(experiment, generator=replace(experiment.generator, filters=4, max_filters=8, downsamples=1))
 
 
 def test_a_packed_run_is_the_run(tmp_path):
     run, packed = untrained_run(tmp_path / "run", SMALL), tmp_path / "packed"
     packed.mkdir()
+    (run / GRAIN).write_bytes((FOLDER / GRAIN).read_bytes())
     pack(run, packed)
     settings, parameters = read_embedded(packed)
     sensor = jaxsim.load(run)
     assert settings == sensor.run
     jax.tree.map(np.testing.assert_array_equal, parameters, sensor.params)
+    assert read_grain(packed) == read_grain(run)
