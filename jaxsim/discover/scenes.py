@@ -26,6 +26,9 @@ from scipy.special import stdtrit
 from jaxsim.discover.rules import RULES
 from jaxsim.metrics.intervals import jackknife_half_width, student_reach
 
+MEDIAN_TO_SD = 1.4826
+"""From a median absolute deviation to a normal's standard deviation."""
+
 
 @dataclass(frozen=True)
 class Split:

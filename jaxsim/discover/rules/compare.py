@@ -107,6 +107,10 @@ class CompareRules:
     """... whose weakest third of echoes must scatter by more than this ratio, in squares, as the strongest third does
     (a judgement, not calibrated: between even noise on yards of another maker's and the catalogue's of severity 2;
     tests/discover/find/test_levels.py)."""
+    coarse_shapes: float = 1.5
+    """Ratio of what ranges of smooth surfaces are off by to both sides' noise, beside all that is named, from which the
+    simulator's shapes are told to be coarse (a judgement, not calibrated: between streets of the same shapes on both
+    sides and cars as boxes on flat ground; tests/discover/show/test_explain.py)."""
     common_noise: float = 0.5
     """Share of the simulator's noise, in squares, above which what the measured readings have in common with it at the
     same rays is noise of neither (a judgement, not calibrated: independent noise has nothing in common, and where one

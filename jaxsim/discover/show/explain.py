@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from jaxsim.discover.add import Added, effect_on_rays, parameters_of
 from jaxsim.discover.find.division import Division
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
+from jaxsim.discover.model.null_model import Residuals
 from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
@@ -29,8 +31,8 @@ from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped
-from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
+from jaxsim.discover.scenes import MEDIAN_TO_SD, clipped
+from jaxsim.discover.verdict import Interval, Level, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.origin import OwnEffect
 from jaxsim.progress import counted
@@ -206,6 +208,22 @@ def _of_the_scenes(comparison: Comparison, division: Division, answer: Answer, *
             yield f"{step.chosen.effect.plain_name}: a rare event; few scenes show it, without the test over scenes"
     if len(division.parts.judge) < RULES.few_judge_scenes:
         yield f"{len(division.parts.judge)} judge scenes: intervals of the gap are wide"
+
+
+def coarse_shapes(ranges: Residuals, levels: Sequence[Level]) -> Iterator[str]:
+    """What a reader must know where the simulator's shapes are coarse: ranges of smooth surfaces, beside all that is
+    named, are off by far more than neighbouring readings scatter."""
+    [noise] = [level for level in levels if level.name == "range_noise"]
+    noise_m = max(math.hypot(noise.measured.value, noise.simulated.value), RULES.noisy_range_m)
+    # Of the median: single readings that are far off are told by other means.
+    off_m = MEDIAN_TO_SD * float(np.median(np.abs(ranges.off[ranges.counts]))) if ranges.counts.any() else 0.0
+    if off_m > RULES.coarse_shapes * noise_m:
+        yield (
+            f"simulated surfaces are off the measured ones by {100 * off_m:.2g} cm, where noise makes "
+            f"{100 * noise_m:.2g} cm: the simulator's shapes are coarse, or ranges have an error that is not named. "
+            "What coarse shapes and materials do in every scene can look like a weak effect of a sensor; drives on "
+            "which the sensor was as it should be tell the two apart (--control)"
+        )
 
 
 def _of_the_simulator(comparison: Comparison, division: Division) -> Iterator[str]:

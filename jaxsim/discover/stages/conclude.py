@@ -13,6 +13,7 @@ from jaxsim.discover.find.levels import compare_levels, made_by, missing
 from jaxsim.discover.find.targets import compare_objects
 from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.fit import in_place
+from jaxsim.discover.model.null_model import residuals
 from jaxsim.discover.mounting.change import named_knock
 from jaxsim.discover.mounting.constant import BY_RANGES, named_mounting, registered_of
 from jaxsim.discover.name.simulator_contrast import contrast_of_answer
@@ -21,7 +22,15 @@ from jaxsim.discover.regimes.find import Divided
 from jaxsim.discover.repeats.examine import formula_of
 from jaxsim.discover.show import effects_model_of, judged_by_reported, show_gap, with_placed, without_unconfirmed
 from jaxsim.discover.show.every_frame import HeldAnswer, judge_rest, rest_in_words
-from jaxsim.discover.show.explain import all_named, notes, nuisance_changes, own_candidates, ranking, why_not
+from jaxsim.discover.show.explain import (
+    all_named,
+    coarse_shapes,
+    notes,
+    nuisance_changes,
+    own_candidates,
+    ranking,
+    why_not,
+)
 from jaxsim.discover.show.sensitivity import sensitivities
 from jaxsim.discover.stages.ask import Asked
 from jaxsim.discover.stages.complete import Completed
@@ -105,6 +114,7 @@ def verdict_of(
         sensitivity=shown.sensitivity,
         notes=(
             *notes(placed.comparison, placed.division, answer, held=given.names),
+            *coarse_shapes(residuals(choice.problem, choice.problem.ev.all_blocks)["range"], shown.levels),
             *([rest_in_words(every)] if every else []),
             *([asked.unrelated] if asked.unrelated else []),
         ),

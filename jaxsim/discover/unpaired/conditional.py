@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.evidence import CLASS_SD
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import MEDIAN_TO_SD
 from jaxsim.discover.unpaired.columns import (
     FREE_PRECISION,
     OF_CLASSES,
@@ -255,8 +256,7 @@ def _clipped(y: np.ndarray, law: np.ndarray, learn: np.ndarray, *, sensed: np.nd
         for _ in range(2):
             middle = law[side] @ _ridge(law[side & learn], y[side & learn])
             off = y[side] - middle
-            # 1.4826: from a median absolute deviation to a normal's standard deviation.
-            reach = RULES.unpaired_held_sd * 1.4826 * np.median(np.abs(off[learn[side]]))
+            reach = RULES.unpaired_held_sd * MEDIAN_TO_SD * np.median(np.abs(off[learn[side]]))
             y[side] = middle + np.clip(off, -reach, reach)
     return y
 

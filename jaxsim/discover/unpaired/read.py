@@ -18,6 +18,7 @@ from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
 from jaxsim.discover.read.checks import all_or_none, check_no_copies, check_one_grid, plausible
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import MEDIAN_TO_SD
 from jaxsim.effects.places import rays_at
 from jaxsim.effects.rays import FLOOR, Rays, Scan
 from jaxsim.effects.scan import scan_of
@@ -236,8 +237,7 @@ def roughness_m(range_m: np.ndarray, valid: np.ndarray) -> float:
         # The middle ray against the line through its neighbours, in 1 / range and then back in metres.
         off = ((1 / r[..., :-2] + 1 / r[..., 2:]) / 2 * r[..., 1:-1] - 1) * r[..., 1:-1]
     near = np.abs(off) < RULES.edge_bend * r[..., 1:-1]
-    # 1.4826: from a median absolute deviation to a normal's standard deviation.
-    return float(1.4826 * np.median(np.abs(off[near])) / np.sqrt(1.5)) if near.any() else 0.0
+    return float(MEDIAN_TO_SD * np.median(np.abs(off[near])) / np.sqrt(1.5)) if near.any() else 0.0
 
 
 def _steps(ours: SideFrames, theirs: SideFrames) -> dict[str, float]:

@@ -1,12 +1,15 @@
 """What is said of the candidates that are not named, and what a reader must know."""
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from jaxsim.discover.find.division import Division
 from jaxsim.discover.model.noise_levels import Levels
+from jaxsim.discover.model.null_model import Residuals
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE, OF_MATERIALS, RARELY_IF_EVER
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
@@ -14,7 +17,8 @@ from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.show.explain import named, notes, why_not
+from jaxsim.discover.show.explain import coarse_shapes, named, notes, why_not
+from jaxsim.discover.verdict import Interval, Level
 from jaxsim.effects.chain import SensorModel
 from tests.discover.name.made import candidate, problem, step
 
@@ -122,6 +126,33 @@ def test_what_follows_range_or_rows_is_told_to_be_doubtful_where_no_class_tells_
     assert told(gain, fall, semantic=classes) == ()
     assert told(step(candidate("incidence_cosine", 9)), semantic=one_kind) == ()
     assert told(step(candidate("range_offset", 9)), semantic=one_kind) == ()
+
+
+def range_levels(simulated_m: float, measured_m: float):
+    """The levels of two sides with so much noise of the range."""
+    sides = [Interval.exact(value, "m") for value in (simulated_m, measured_m)]
+    return (Level("range_noise", *sides, missing=sides[1], beyond_usual=False),)
+
+
+@pytest.mark.parametrize(
+    ("simulated_m", "off_m", "coarse"), [(0.0, 0.05, True), (0.0, 0.015, False), (0.04, 0.05, False)]
+)
+def test_shapes_that_are_off_by_more_than_noise_are_told(simulated_m, off_m, coarse):
+    off = np.random.default_rng(0).normal(0, off_m, (2, 40, 30))
+    counts = np.ones(off.shape, bool)
+    # Rays that met another thing, and rays that say nothing, change nothing.
+    off[:, :2], off[:, 2:4], counts[:, 2:4] = 1.0, 9.0, False
+    told = [*coarse_shapes(Residuals(off, off, counts), range_levels(simulated_m, 0.012))]
+    assert bool(told) == coarse
+    if coarse:
+        assert re.match(
+            r"simulated surfaces are off the measured ones by [45]\.\d cm, where noise makes 1.2 cm", told[0]
+        )
+
+
+def test_where_no_surface_is_smooth_nothing_is_said_of_shapes():
+    nothing = np.zeros((1, 2, 3))
+    assert [*coarse_shapes(Residuals(nothing, nothing, nothing > 0), range_levels(0.0, 0.012))] == []
 
 
 def test_what_a_control_put_in_place_is_told():

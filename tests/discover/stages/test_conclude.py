@@ -21,6 +21,7 @@ def test_a_confirmed_effect_is_in_verdict_and_sensor_model(stages):
     assert [effect.name for effect in result.verdict.effects] == ["range_offset"]
     assert result.effects_model.names == ("random_dropout", "range_offset")
     assert result.verdict.seconds == 1.5
+    assert not any(note.startswith("simulated surfaces are off") for note in result.verdict.notes)
     assert any(note.startswith("beside what the sensor model already had: random_dropout,")
                for note in result.verdict.notes)  # fmt: skip
 
