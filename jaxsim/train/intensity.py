@@ -57,7 +57,7 @@ def intensity_training(experiment: Experiment) -> Training:
     # Perceptual loss: its weights are asked for before time goes into preparation.
     weights = experiment.loss
     vgg = load_vgg(weights.vgg_weights) if weights.perceptual else None
-    if vgg is None:
+    if vgg is None and weights.gan:  # what is no GAN has none in the paper either
         _log.info("perceptual loss: off (--loss.perceptual 0; the paper's weight is 10)")
 
     # Data: frames to aligned pairs on the camera's polar window, made once and kept (or by `jaxsim prepare`).
