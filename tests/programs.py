@@ -19,7 +19,8 @@ SMALL = [
 ]  # fmt: skip
 """Flags of networks that learn in seconds."""
 TINY = [
-    "--data.train=0-1", "--data.validation=2-2", *SMALL, "--optim.steps=2", "--optim.ema-start=1", "--run.name=tiny",
+    "--data.train=0-1", "--data.validation=2-2", *SMALL, "--optim.batch=2", "--optim.steps=2", "--optim.ema-start=1",
+    "--run.name=tiny",
 ]  # fmt: skip
 """Flags of two steps of a training."""
 _OLDER = (
