@@ -42,7 +42,7 @@ def test_drives_are_asked_of_every_candidate_that_exists_and_arcs_of_weak_ones_t
     monkeypatch.setattr(leads, "disputed", lambda tried, asked, facts: [])
     asked_of = []
 
-    def divisions(effect, result, problem, *, facts, asked, told):
+    def divisions(effect, result, problem, *, facts, asked, facts_asked):
         asked_of.append((effect.name, len(asked)))
         drives = SimpleNamespace(between_scenes=lambda scene: np.ones((1, 11), bool))
         return [FoundRegion(part, 0, 0.01) for part in (sectors, drives)]
