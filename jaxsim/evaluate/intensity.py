@@ -53,8 +53,8 @@ def _sums(intensity: Array, drops: Array, pair: Pair) -> dict[str, float]:
 
 def network_sums(predict: Predict, params: Any, pairs: Sequence[Pair]) -> PairedSums:
     """What a generator makes of each pair."""
-    bar = {"desc": "scoring", "unit": "frame", "leave": False}
-    predictions = ((predict(params, pair), pair) for pair in Progress(pairs, **bar))
+    shown = {"desc": "scoring", "unit": "frame", "leave": False}
+    predictions = ((predict(params, pair), pair) for pair in Progress(pairs, **shown))
     return [_sums(x.intensity, x.drops, pair) for x, pair in predictions]
 
 

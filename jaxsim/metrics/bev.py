@@ -184,14 +184,14 @@ def _norms_squared(difference: Float[np.ndarray, "n r c"]) -> Float[np.ndarray, 
 
 def _spectral(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     squares = np.zeros((len(a), len(b)))
-    bar = {"desc": "comparing histograms", "unit": "row", "leave": False}
+    shown = {"desc": "comparing histograms", "unit": "row", "leave": False}
     if a is not b:
-        for k in Progress(range(len(a)), **bar):
+        for k in Progress(range(len(a)), **shown):
             squares[k] = _norms_squared(a[k] - b)
         return squares
     # Each and the k-th after it, round the set: every pair once.
     each = np.arange(len(a))
-    for k in Progress(range(1, len(a) // 2 + 1), **bar):
+    for k in Progress(range(1, len(a) // 2 + 1), **shown):
         other = (each + k) % len(a)
         squares[each, other] = squares[other, each] = _norms_squared(a - a[other])
     return squares

@@ -1,6 +1,7 @@
 """The sensor that travels with the package is whole, says when it is not, and simulates."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 
 import jaxsim
 from configs.embedded import experiment
-from jaxsim.simulate.embedded import FILES, FOLDER, SUMS_FILE, is_embedded, read_embedded
+from jaxsim.simulate.embedded import FILES, FOLDER, SUMS_FILE, folder_of, is_embedded, read_embedded
+from jaxsim.simulate.grain import read_grain
 from tests.untrained import untrained_run
 
 SMALL = replace(experiment, generator=replace(experiment.generator, filters=4, max_filters=8, downsamples=1))
@@ -16,10 +18,7 @@ SMALL = replace(experiment, generator=replace(experiment.generator, filters=4, m
 
 def test_it_is_the_experiment_of_configs_and_weighs_less_than_five_megabytes():
     run, parameters = read_embedded()
-    assert run.experiment.generator == experiment.generator
-    assert run.experiment.prepare == experiment.prepare
-    assert run.experiment.data == experiment.data
-    assert run.experiment.optim == experiment.optim
+    assert run.experiment == experiment
     assert all(leaf.dtype == np.float32 and np.isfinite(leaf).all() for leaf in jax.tree.leaves(parameters))
     assert sum(path.stat().st_size for path in FOLDER.iterdir() if path.is_file()) < 5e6
     assert "jaxsim train embedded" in (FOLDER / "card.md").read_text()
@@ -29,9 +28,11 @@ def test_its_name_loads_it_unless_a_run_lies_there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert is_embedded("embedded")
     assert not is_embedded("runs/embedded")
+    assert read_grain(folder_of(Path("embedded"))).fingerprint == read_grain(FOLDER).fingerprint
     assert jaxsim.load("embedded").fingerprint == jaxsim.load("embedded").fingerprint
     untrained_run(tmp_path / "embedded", SMALL)
     assert not is_embedded("embedded")
+    assert folder_of(Path("embedded")) == Path("embedded")
     assert jaxsim.load("embedded").run.experiment.generator.filters == 4
 
 
