@@ -12,6 +12,7 @@ from jaxsim.cli.flags import SAME, DataSource
 from jaxsim.config.ranges import Checked
 from jaxsim.pairs.prepared import prepared
 from jaxsim.report.results import markdown_table
+from jaxsim.simulate.embedded import is_embedded
 from jaxsim.simulate.grain import Field, save_grain
 from jaxsim.simulate.grain_fit import NO_DISTRIBUTION, learn_grain
 from jaxsim.simulate.learned_sensor import load
@@ -35,6 +36,8 @@ class LearnGrain(Checked):
     """Frames to learn from: `0-99`. Empty: the run's validation frames, or all of another data set."""
 
     def __call__(self) -> None:
+        if is_embedded(self.run):
+            raise ValueError("grain: the packaged sensor has its grain with it; give the folder of a run of yours")
         learned = load(self.run)
         if learned.run.experiment.generator.form != "unet":  # before frames are prepared for it
             raise ValueError(NO_DISTRIBUTION)

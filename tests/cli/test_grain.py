@@ -115,3 +115,10 @@ def test_a_network_without_a_distribution_is_told_before_frames_are_prepared(tmp
     run = untrained_run(tmp_path / "run", tiny_experiment(validation="4", cache=tmp_path / "cache"))
     with pytest.raises(SystemExit, match=r"one intensity a cell, .*--generator\.form unet"):
         main(["grain", str(run)])
+
+
+def test_the_packaged_sensor_keeps_the_grain_that_it_came_with(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=r"has its grain with it; give the folder of a run of yours"):
+        main(["grain", "embedded"])
+    assert not (tmp_path / "embedded").exists()
