@@ -48,6 +48,8 @@ class Sweep:
     time_s: float | None = None
     rasters: dict[str, np.ndarray] = field(default_factory=dict)
     """Further rasters of polar frames by their names: time, semantic ..."""
+    hidden: float = 0.0
+    """Share of firings whose cell holds a nearer one, of a cloud that was put on the grid."""
 
 
 def read_lidar_top(path: Path | str, *, columns: int = _NUSCENES_COLUMNS) -> Sweep:

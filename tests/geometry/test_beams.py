@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jaxsim.data.clouds import read_scan
-from jaxsim.geometry.beams import assign_columns, beams_of_rings, rings_by_elevation
+from jaxsim.frame import PolarGrid
+from jaxsim.geometry.beams import assign_columns, beams_of_rings, column_azimuths, rings_by_elevation
 from jaxsim.geometry.sensor import full_grid, preset
 from tests.geometry.made_beams import cloud
 
@@ -55,3 +56,18 @@ def test_columns_keep_the_distance_of_firings():
         column = assign_columns(azimuth, np.zeros(360, int), grid)
         assert (np.diff(column[5:-5]) == 1).all()
         assert np.abs(column - (k + phase - 0.5))[5:-5].max() <= 0.75 + 1e-6
+
+
+def test_firings_that_are_not_evenly_spaced_have_columns_of_their_own():
+    """An HDL-64E fires six times 0.18 degrees apart and then 0.09: at the median's step it would lose a seventh."""
+    rng = np.random.default_rng(5)
+    steps = np.deg2rad(np.resize([0.18] * 6 + [0.09], 2154))
+    turn = np.pi - np.cumsum(steps)
+    azimuth = np.concatenate([turn + phase for phase in rng.uniform(0, 0.003, 8)])
+    row = np.repeat(np.arange(8), len(turn))
+    back = rng.random(len(row)) > 0.1  # a tenth does not come back
+    azimuths = column_azimuths(azimuth[back], row[back])
+    assert abs(len(azimuths) - 2 * np.pi / steps.mean()) <= 3
+    grid = PolarGrid(azimuths.astype("f4"), np.linspace(0.1, -0.1, 8, dtype="f4"), np.zeros(8, "f4"))
+    cells = np.stack([row[back], assign_columns(azimuth[back], row[back], grid)])
+    assert len(np.unique(cells, axis=1).T) > 0.99 * back.sum()

@@ -27,6 +27,7 @@ from jaxsim.progress import Progress, counted
 RECORD = "log.json"
 LEAST_TURN = 0.5
 """A turn that fills fewer of the grid's columns is not written."""
+TELL_HIDDEN = 1e-3
 PARTIAL = "they fill less than half of the columns, as they begin or end within the recording, or lost points"
 
 
@@ -42,6 +43,8 @@ class Written:
     columns: int
     filled: float
     """Share of cells with a return, of the frames that were written."""
+    hidden: float
+    """Share of firings whose cell holds a nearer one, of the same frames."""
     layout: ScanLayout | None
     """None where the log's frames came with a grid of their own."""
 
@@ -50,6 +53,8 @@ class Written:
         lines = [f"{counted(self.frames, 'frame')} of {self.rows} x {self.columns} cells in {out}"]
         if self.frames:
             lines.append(f"  {self.filled:.1%} of the cells hold a return")
+            if self.hidden > TELL_HIDDEN:
+                lines.append(f"  {self.hidden:.1%} of the returns share a cell with a nearer one, which was kept")
         if self.already:
             lines.append(f"  {self.already} were there")
         if self.partial:
@@ -90,7 +95,8 @@ def write_log(
     items = _chosen(source.items(path, options), every, most)
     grid, layout, items = _begin(record, made, items, options=options, by=kind)
     written, already = 0, 0
-    partial, filled = 0, 0.0
+    partial = 0
+    filled = hidden = 0.0
     names: set[str] = set()
     with Announced(out, grid, by="frames") as announced, Progress(unit="frame", desc="reading") as bar:
         for place, item in enumerate(items):
@@ -125,6 +131,7 @@ def write_log(
             announced.add({sweep.name: about_frame(sweep.scene, time_s=sweep.time_s)})
             written += 1
             filled += float(np.asarray(sweep.image.valid).mean())
+            hidden += sweep.hidden
     if not written + already:
         raise ValueError(
             f"{kind}: no whole turn in {path}; {partial} were passed over: {PARTIAL}"
@@ -138,6 +145,7 @@ def write_log(
         rows=len(grid.elevation_rad),
         columns=len(grid.azimuth_rad),
         filled=filled / max(written, 1),
+        hidden=hidden / max(written, 1),
         layout=layout,
     )
 

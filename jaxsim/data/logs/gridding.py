@@ -128,6 +128,11 @@ def _layout(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
     if spec is not None:
         origin = np.asarray(spec.origin_m, np.float64)
         beams = Beams(spec.elevation_rad, origin, np.arange(spec.rows), off)
+        if first.ring is not None:
+            row = beams.rows_of(ring)
+            along = np.arctan2(xyz[:, 2] - origin[row], np.hypot(xyz[:, 0], xyz[:, 1]))
+            missed = np.abs(along - spec.elevation_rad[row])[row >= 0]
+            beams = replace(beams, off_deg=float(np.rad2deg(np.median(missed))))
     else:
         beams = beams_of_rings(xyz, ring, rings=options.lines)
     azimuth = np.arctan2(xyz[:, 1], xyz[:, 0]).astype(np.float64)
@@ -286,4 +291,5 @@ def _on_grid(
         grid=layout.grid,
         time_s=scan.time_s,
         rasters=rasters,
+        hidden=1 - float(valid.sum()) / max(len(point), 1),
     )

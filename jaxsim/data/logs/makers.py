@@ -17,9 +17,7 @@ from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, offsets, re
 from jaxsim.data.point_labels import labels_of, read_point_labels
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
 from jaxsim.files import files_below, files_in, need
-from jaxsim.geometry import preset
 
-_KITTI_COLUMNS = preset("hdl64e").columns
 _VELODYNE_BYTES = 1206
 _LARGEST_PACKET = 2**18
 """libpcap's own limit."""
@@ -223,7 +221,6 @@ def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
             time_s=time_s,
             full_scale=1.0,
             spec=compensated_spec(files[0][2], rows),
-            columns=_KITTI_COLUMNS,
             layers=layers,
         )
 
