@@ -11,22 +11,24 @@ from jaxsim.cli.endings import words_of
 from jaxsim.discover.gate import (
     Check,
     Colour,
-    check_distances,
+    QuickDistances,
+    check_free,
+    check_quick,
     check_verdict,
     colour_of,
     read_gate,
     save_gate,
     thresholds_of,
 )
-from jaxsim.discover.verdict import Interval, Verdict
-from jaxsim.files import write_text
+from jaxsim.discover.verdict import Verdict
+from jaxsim.files import check_apart, write_text
 from jaxsim.report.gates import TITLES, junit, markdown
 
 EXIT: dict[Colour, int] = {"pass": 0, "gap": 1, "unsure": 2}
 """How the command ends where it asks a gate."""
 NOT_FAST = ("effects", "effects_from", "control", "nulls", "every_frame")
 """Flags of naming, which --fast leaves out."""
-Compared = Verdict | Mapping[str, Interval]
+Compared = Verdict | QuickDistances
 """What a gate is asked of: a whole answer, or distances alone."""
 
 
@@ -42,6 +44,10 @@ def check_flags(flags: Mapping[str, Any]) -> None:
             raise ValueError(f"discover: --{name} came with --fast, which names nothing; leave one of them out")
     if gate and write_gate:
         raise ValueError("discover: --write-gate makes a gate, --gate asks it; give one of them")
+    # Before anything is written there, or computed for it.
+    check_apart(flags["out"], flags["measured"], flags["simulated"], by="discover")
+    if write_gate:
+        check_free(write_gate)
 
 
 def ask_gate(path: Path, out: Path, compare: Callable[[], Compared]) -> int:
@@ -51,7 +57,7 @@ def ask_gate(path: Path, out: Path, compare: Callable[[], Compared]) -> int:
     try:
         gate = read_gate(path)
         shown = compare()
-        checks = check_verdict(gate, shown) if isinstance(shown, Verdict) else check_distances(gate, shown)
+        checks = check_verdict(gate, shown) if isinstance(shown, Verdict) else check_quick(gate, shown)
     except (ValueError, OSError) as error:
         checks = (Check("comparison", "unsure", words_of(error) or str(error)),)
     colour = colour_of(checks)
@@ -66,8 +72,8 @@ def make_gate(path: Path, out: Path, shown: Compared) -> None:
     if isinstance(shown, Verdict):
         save_gate(path, baseline=out / "verdict.json")
     else:
-        save_gate(path, thresholds=thresholds_of(shown))
-        words = [(name, f"{d.value:.4g} ({d.low:.4g} .. {d.high:.4g}) {d.unit}") for name, d in shown.items()]
+        save_gate(path, thresholds=thresholds_of(shown.channels), frames=shown.frames)
+        words = [(name, f"{d.value:.4g} ({d.low:.4g} .. {d.high:.4g}) {d.unit}") for name, d in shown.channels.items()]
         checks = tuple(Check(name, "pass", text) for name, text in words)
         write_text(out / "gate.md", markdown(checks, title="What the gate was written from"))
     print(f"{path}: {' '.join(path.read_text().split())}")

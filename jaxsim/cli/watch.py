@@ -12,7 +12,7 @@ import tyro
 
 from jaxsim.config.ranges import Checked
 from jaxsim.discover.watch import Change, Day, watch_days
-from jaxsim.files import write_text
+from jaxsim.files import check_apart, write_text
 from jaxsim.report.results import markdown_table
 
 
@@ -37,6 +37,13 @@ class Watch(Checked):
     def __call__(self) -> None:
         if not self.days:
             raise ValueError("watch: --days names no folder; give those of later days, in order")
+        for day in self.days:
+            if day.exists() and self.before.exists() and day.samefile(self.before):
+                raise ValueError(f"watch: {day} is held against itself; give folders of later days to --days")
+        if self.out:
+            # The table would be written over a frame.
+            of_folders = (file for folder in (self.before, *self.days) for file in folder.glob("*"))
+            check_apart(self.out, *(file for file in of_folders if file.suffix in (".npz", ".json")), by="watch")
         watched = watch_days(self.before, self.days)
         page = watch_table(watched)
         print(page)

@@ -5,7 +5,8 @@ gate.json, all of it optional but one thing at least:
     {"thresholds": {"intensity": 0.10, "range": 0.05, "drop": 0.02},
      "allowed": ["random_dropout"],
      "baseline": "verdict.json",
-     "effect_nats": 2.5}
+     "effect_nats": 2.5,
+     "frames": 15}
 
 `save_gate` makes one from frames that are held to be right, so that nobody has to invent numbers.
 
@@ -17,22 +18,32 @@ the memory of one.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from jaxsim.data.polar_frames import open_polar_frames, scene_of
-from jaxsim.discover.read.checks import check_one_grid
+from jaxsim.discover.read.checks import (
+    check_no_copies,
+    check_no_doubles,
+    check_one_grid,
+    check_sides,
+    check_units,
+    constant_intensity,
+    levels_of,
+    readings_of,
+)
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import scene_means
 from jaxsim.discover.verdict import Interval, Named, Verdict
 from jaxsim.effects import EFFECTS
-from jaxsim.files import check_keys, read_json, real, write_text
+from jaxsim.files import check_keys, placed, read_json, real, write_text
 from jaxsim.frame import PolarImage
 from jaxsim.geometry.points import FAR_M
 from jaxsim.progress import counted
@@ -44,7 +55,7 @@ NOT_COMPARED = "the channel was not compared"
 NOT_ASKED = "the two sides' intensities have no relation to each other, so no effect on them was asked"
 LEFT = ("unexplained", "repeats")
 """Keys of a verdict.json for what no effect describes; it may stand beside effects that are named."""
-GATE_KEYS = ("thresholds", "allowed", "baseline", "effect_nats")
+GATE_KEYS = ("thresholds", "allowed", "baseline", "effect_nats", "frames")
 """What a gate.json may say."""
 DISTANCE_UNITS = {"intensity": "share of full scale", "range": "m", "drop": "share of rays"}
 """Units of the distances."""
@@ -64,6 +75,25 @@ class Gate:
     effect_nats: float = RULES.gate_effect_nats
     """What a named effect must gain on held-out scenes to be a gap, and what has no name on judge scenes beyond the
     named effects, nats each; of less the gate is unsure. Losses unpaired gain no nats and go by their p."""
+    frames: int | None = None
+    """How many frames must be compared at least. None: as many as the baseline had, less a tenth; with --fast, every
+    measured frame."""
+
+    @property
+    def fewest_frames(self) -> int:
+        """How many frames a whole answer must have compared."""
+        before = self.baseline.get("frames", 0)
+        return _most_of(before if isinstance(before, int) else 0) if self.frames is None else self.frames
+
+
+class QuickDistances(NamedTuple):
+    """What --fast compares."""
+
+    channels: dict[str, Interval]
+    frames: int
+    """How many frames were compared."""
+    measured: int
+    """How many frames were measured, of which some may have no simulated partner."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +130,15 @@ def read_gate(path: Path) -> Gate:
     nats = _number(given_nats)
     if not nats >= 0:
         raise ValueError(f"gate: {path}: effect_nats is {given_nats!r}; it must be a number, 0 or more")
-    return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")), nats)
+    frames = content.get("frames")
+    if frames is not None and not (isinstance(frames, int) and not isinstance(frames, bool) and frames > 0):
+        raise ValueError(f"gate: {path}: frames is {frames!r}; it must be a whole number above 0")
+    return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")), nats, frames)
+
+
+def _most_of(frames: int) -> int:
+    """How many frames must be there where there were so many."""
+    return math.ceil(RULES.gate_frames_share * frames)
 
 
 def _number(value: Any) -> float:
@@ -125,15 +163,30 @@ def thresholds_of(distances: Mapping[str, Interval]) -> dict[str, float]:
     }
 
 
-def save_gate(path: Path, *, thresholds: Mapping[str, float] | None = None, baseline: Path | None = None) -> Path:
-    """Writes a gate.json that asks for these thresholds (of --fast), or for a verdict that is no worse than a
-    baseline's, which is named by its place beside the gate.
+def check_free(path: Path) -> None:
+    """Raises ValueError where a file is there that is no gate, before one is written in its place."""
+    if not path.exists():
+        return
+    with placed(f"gate: {path} is there, and is no gate", OSError, then="give another --write-gate"):
+        content = read_json(path, by="gate")
+        if not isinstance(content, dict) or not content or not {*content} <= {*GATE_KEYS}:
+            raise ValueError(f"its keys are not among {', '.join(GATE_KEYS)}")
 
-    Raises ValueError where there would be nothing to ask.
+
+def save_gate(
+    path: Path, *, thresholds: Mapping[str, float] | None = None, frames: int = 0, baseline: Path | None = None
+) -> Path:
+    """Writes a gate.json that asks for these thresholds (of --fast) on nearly as many `frames`, or for a verdict that
+    is no worse than a baseline's, which is named by its place beside the gate.
+
+    Raises ValueError where there would be nothing to ask, and where `path` is a file that is no gate.
     """
+    check_free(path)
     content: dict[str, Any] = {}
     if thresholds:
         content["thresholds"] = {name: float(f"{value:.4g}") for name, value in thresholds.items()}
+        if frames:
+            content["frames"] = _most_of(frames)
     if baseline:
         content["baseline"] = os.path.relpath(baseline, path.parent)
     if not content:
@@ -172,6 +225,8 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     """The checks of a whole answer."""
     before = {effect.get("name") for effect in gate.baseline.get("effects", [])}
     checks = [_named(gate, verdict, before)]
+    if verdict.frames < gate.fewest_frames:
+        checks.append(_too_few(verdict.frames, gate.fewest_frames))
     if verdict.unrelated and not gate.baseline.get("unrelated"):
         checks.append(Check("effects on intensity", "unsure", NOT_ASKED))
 
@@ -230,6 +285,11 @@ def _in_nats(effect: Named) -> bool:
     return effect.gain.unit.startswith("nats")
 
 
+def _too_few(frames: int, fewest: int) -> Check:
+    words = f"{counted(frames, 'frame')} compared, and at least {fewest} must be; are some of the simulated ones missing?"
+    return Check("frames", "unsure", f'{words} Or give "frames" in the gate')
+
+
 def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:
     """The checks of --fast: a channel is a gap where its whole interval lies above its threshold.
 
@@ -238,7 +298,7 @@ def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Chec
     """
     if not gate.thresholds:
         raise ValueError("gate: --fast names nothing, so allowed and baseline say nothing to it; give thresholds")
-    checks = []
+    checks: list[Check] = []
     for channel, most in gate.thresholds.items():
         distance = distances[channel]
         between = f"({distance.low:.4g} .. {distance.high:.4g})"
@@ -252,19 +312,27 @@ def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Chec
     return tuple(checks)
 
 
+def check_quick(gate: Gate, shown: QuickDistances) -> tuple[Check, ...]:
+    """The checks of --fast, and whether enough frames were compared."""
+    fewest = shown.measured if gate.frames is None else gate.frames
+    checks = check_distances(gate, shown.channels)
+    return checks if shown.frames >= fewest else (*checks, _too_few(shown.frames, fewest))
+
+
 def colour_of(checks: tuple[Check, ...]) -> Colour:
     """A gap where there is one, else unsure where something could not be judged."""
     colours = {check.colour for check in checks}
     return "gap" if "gap" in colours else "unsure" if "unsure" in colours else "pass"
 
 
-def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
+def quick_distances(simulated: Path, measured: Path) -> QuickDistances:
     """Distances of two folders' frames of one name.
 
     intensity: mean absolute difference where both sides return. range: median absolute difference there. drop: rays
     on which one side alone returns, as a share of those that hit something in the simulation, 1 at most and where none
     does. Each is the mean over a scene's frames, then over scenes. Raises ValueError where the folders are not of one
-    grid, share no frame, or have fewer than `Rules.fewest_for_scatter`.
+    grid, share no frame, have fewer scenes than `Rules.fewest_for_scatter`, hold the same readings, tell one intensity
+    everywhere or are not in metres, and where the measured side alone tells angles of incidence.
     """
     ours, theirs = open_polar_frames(simulated), open_polar_frames(measured)
     check_one_grid(ours, theirs)
@@ -272,15 +340,41 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     if not names:
         raise ValueError(f"discover: no frame of {simulated} has a partner of its name in {measured}")
     # Scenes count alike, however many frames each has: frames of one street are not independent.
+    seen = _Seen()
     table = scene_means(
-        (scene_of(name, theirs, ours), frame_distances(ours.read(name)[0], theirs.read(name)[0])) for name in names
+        (scene_of(name, theirs, ours), frame_distances(*seen.of(name, ours.read(name), theirs.read(name))))
+        for name in names
     )
+    check_no_copies(ours, theirs, sides=seen.readings, allowed=len(names) - 1)
+    check_no_doubles(measured, seen.readings)
+    check_sides(simulated, measured, rasters=seen.rasters)
+    constant_intensity(*seen.levels)
     if len(table) < RULES.fewest_for_scatter:
         raise ValueError(
             f"discover: {counted(len(table), 'scene')}; a gate needs {RULES.fewest_for_scatter} or more to know what "
             "chance does (frames of one drive share a scene in grid.json)"
         )
-    return distances_of(table)
+    return QuickDistances(distances_of(table), len(names), len(theirs.names))
+
+
+class _Seen:
+    """What is kept of frames that are read one after the other."""
+
+    def __init__(self) -> None:
+        self.readings: tuple[dict[str, bytes], dict[str, bytes]] = {}, {}
+        self.rasters: tuple[set[str], set[str]] = set(), set()
+        self.levels: tuple[list[tuple[float, float]], list[tuple[float, float]]] = [], []
+
+    def of(self, name: str, *sides: tuple[PolarImage, Mapping[str, Any]]) -> list[PolarImage]:
+        """The images of both sides. Raises ValueError for those that are not in metres, or dark."""
+        for k, (image, rasters) in enumerate(sides):
+            # A simulator that renders nothing is a gap, and no wrong unit.
+            if np.asarray(image.valid).any():
+                check_units(name, image, ("simulated", "measured")[k])
+            self.readings[k][name] = readings_of(image)
+            self.rasters[k].update(rasters)
+            self.levels[k].append(levels_of(image))
+        return [image for image, _ in sides]
 
 
 def distances_of(table: Float[np.ndarray, "s channels"]) -> dict[str, Interval]:

@@ -9,11 +9,11 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.gates import ask_gate, check_flags, make_gate
-from jaxsim.discover.gate import save_gate
+from jaxsim.discover.gate import QuickDistances, save_gate
 from jaxsim.discover.verdict import Interval
 from tests.report import results
 
-DISTANCES = {"intensity": Interval(0.10, 0.09, 0.11, "share of full scale")}
+DISTANCES = QuickDistances({"intensity": Interval(0.10, 0.09, 0.11, "share of full scale")}, 8, 8)
 
 
 @pytest.mark.parametrize(
@@ -82,3 +82,16 @@ def test_what_was_made_of_distances_says_what_they_were(tmp_path):
     make_gate(tmp_path / "gate.json", tmp_path, DISTANCES)
     assert "0.1 (0.09 .. 0.11) share of full scale" in (tmp_path / "gate.md").read_text()
     assert ask_gate(tmp_path / "gate.json", tmp_path, lambda: DISTANCES) == 0
+
+
+@pytest.mark.parametrize("flag", ["--gate", "--write-gate"])
+def test_nothing_is_written_into_a_folder_that_is_read(tmp_path, capsys, flag):
+    for name in ("measured", "simulated"):
+        (tmp_path / name).mkdir()
+    folders = [f"--{name}={tmp_path / name}" for name in ("measured", "simulated")]
+    with pytest.raises(SystemExit) as stop:
+        main(["discover", *folders, "--out", str(tmp_path / "measured"), flag, str(tmp_path / "g.json"), "--fast"])
+    said = f"{stop.value.code} {capsys.readouterr().err}"
+    assert said.startswith("2 ") == (flag == "--gate")
+    assert "would be written into; give another --out" in said
+    assert not [*(tmp_path / "measured").iterdir()]

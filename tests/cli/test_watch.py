@@ -58,3 +58,18 @@ def test_folders_of_one_name_are_told_apart(tmp_path, capsys):
         main(["watch", str(monday), "--days", *map(str, later)])
     said = capsys.readouterr().out
     assert all(f"{name}/measured (" in said for name in ("tuesday", "wednesday"))
+
+
+def test_a_day_is_not_held_against_itself_nor_the_table_written_over_a_frame(tmp_path, capsys):
+    monday, tuesday = day(tmp_path / "monday", 0), day(tmp_path / "tuesday", 2)
+    frame = next(tuesday.glob("*.npz"))
+    content = frame.read_bytes()
+    for days, words, message in (
+        (monday, [], "monday is held against itself"),
+        (tuesday, ["--out", str(frame)], "is read, and would be written over"),
+    ):
+        with pytest.raises(SystemExit) as stop:
+            main(["watch", str(monday), "--days", str(days), *words])
+        assert stop.value.code == 2
+        assert message in capsys.readouterr().err
+    assert frame.read_bytes() == content

@@ -11,7 +11,7 @@ import pytest
 
 from jaxsim.cli import discover, main
 from jaxsim.discover.gate import (
-    check_distances,
+    check_quick,
     check_verdict,
     colour_of,
     frame_distances,
@@ -42,7 +42,7 @@ def test_distances_are_the_plainest_means_over_scenes(tmp_path):
             )
         )
     expected = np.array(rows)
-    for k, one in enumerate(found.values()):
+    for k, one in enumerate(found.channels.values()):
         assert one.value == pytest.approx(expected[:, k].mean(), rel=1e-5)
         assert one.low < one.value < one.high
 
@@ -62,14 +62,14 @@ def gate(tmp_path, **content):
 def test_fast_is_red_for_a_gap_green_without_and_unsure_between(tmp_path):
     simulated, measured = sides(tmp_path / "null")
     asked = gate(tmp_path, thresholds={"intensity": 0.02, "range": 0.05, "drop": 0.05})
-    checks = check_distances(asked, quick_distances(simulated, measured))
+    checks = check_quick(asked, quick_distances(simulated, measured))
     assert {check.colour for check in checks} == {"pass"}
     simulated, measured = sides(tmp_path / "bright", gain=1.2)
-    checks = check_distances(asked, quick_distances(simulated, measured))
+    checks = check_quick(asked, quick_distances(simulated, measured))
     assert {check.name: check.colour for check in checks} == {"intensity": "gap", "range": "pass", "drop": "pass"}
-    near = quick_distances(simulated, measured)["drop"]
+    near = quick_distances(simulated, measured).channels["drop"]
     asked = gate(tmp_path, thresholds={"drop": near.value - (near.value - near.low) / 2})
-    assert colour_of(check_distances(asked, quick_distances(simulated, measured))) == "unsure"
+    assert colour_of(check_quick(asked, quick_distances(simulated, measured))) == "unsure"
 
 
 def test_a_whole_answer_is_red_for_effects_that_may_not_be_missing(tmp_path):
@@ -188,7 +188,7 @@ def test_a_gate_is_written_from_frames_that_are_right_and_asked_of_others(tmp_pa
     main(["discover", *both("right"), "--write-gate", *words[1:]])
     shown = quick_distances(tmp_path / "right/simulated", tmp_path / "right/measured")
     asked = read_gate(tmp_path / "gate.json")
-    for name, one in shown.items():
+    for name, one in shown.channels.items():
         assert asked.thresholds[name] == pytest.approx(1.1 * one.high, rel=1e-3)
     for name, changes, code in (("later", {"seed": 1}, 0), ("bright", {"seed": 1, "gain": 1.3}, 1)):
         with pytest.raises(SystemExit) as stop:
@@ -320,11 +320,68 @@ def test_no_more_than_all_rays_are_lost(common):
 
 def test_a_simulator_that_renders_nothing_in_most_frames_is_red(tmp_path):
     simulated, measured = sides(tmp_path)
-    asked = gate(tmp_path, thresholds=thresholds_of(quick_distances(simulated, measured)))
+    asked = gate(tmp_path, thresholds=thresholds_of(quick_distances(simulated, measured).channels))
     for file in sorted(simulated.glob("*.npz"))[2:]:
         np.savez(file, **{name: np.zeros_like(array) for name, array in np.load(file).items()})
-    colours = {check.name: check.colour for check in check_distances(asked, quick_distances(simulated, measured))}
+    colours = {check.name: check.colour for check in check_quick(asked, quick_distances(simulated, measured))}
     assert colours["drop"] == "gap"
+
+
+def test_frames_that_are_missing_leave_a_gate_unsure(tmp_path):
+    simulated, measured = sides(tmp_path)
+    asked = gate(tmp_path, thresholds={"intensity": 0.02})
+    for file in sorted(simulated.glob("*.npz"))[5:]:
+        file.unlink()
+    told = check_quick(asked, quick_distances(simulated, measured))[-1]
+    assert (told.name, told.colour) == ("frames", "unsure")
+    assert "5 frames compared, and at least 8 must be" in told.words
+    enough = gate(tmp_path, thresholds={"intensity": 0.02}, frames=5)
+    assert colour_of(check_quick(enough, quick_distances(simulated, measured))) == "pass"
+
+
+def test_a_gate_that_is_written_asks_for_nine_tenths_of_its_frames(tmp_path):
+    save_gate(tmp_path / "gate.json", thresholds={"drop": 0.1}, frames=16)
+    assert read_gate(tmp_path / "gate.json").frames == 15
+    verdict = results.named().verdict
+    verdict.save(tmp_path)
+    asked = gate(tmp_path, baseline="verdict.json")
+    fewer = replace(verdict, frames=int(0.8 * verdict.frames))
+    assert "frames" not in {check.name for check in check_verdict(asked, verdict)}
+    assert {check.name: check.colour for check in check_verdict(asked, fewer)}["frames"] == "unsure"
+
+
+def test_a_file_that_is_no_gate_is_not_written_over(tmp_path):
+    for content in ('{"azimuth": [1.0]}', "[]", "no json"):
+        (tmp_path / "grid.json").write_text(content)
+        with pytest.raises(ValueError, match=r"grid\.json is there, and is no gate: .*; give another --write-gate"):
+            save_gate(tmp_path / "grid.json", thresholds={"drop": 0.1})
+        assert (tmp_path / "grid.json").read_text() == content
+    for most in (0.1, 0.2):
+        save_gate(tmp_path / "gate.json", thresholds={"drop": most})
+    assert read_gate(tmp_path / "gate.json").thresholds == {"drop": 0.2}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s, m: (m, m), "hold the same readings"),
+        (lambda s, m: (altered(s, range=lambda x: x / 1000), m), "ranges are metres"),
+        (lambda s, m: (s, altered(m, intensity=lambda x: 0 * x + 0.5)), "measured intensity is 0.5 everywhere"),
+        (lambda s, m: (s, altered(m, incidence=lambda x: 0 * x + 0.5)), "which no sensor knows"),
+    ],
+)
+def test_fast_refuses_what_a_whole_answer_refuses(tmp_path, change, message):
+    with pytest.raises(ValueError, match=message):
+        quick_distances(*change(*sides(tmp_path)))
+
+
+def altered(folder, **changes):
+    """The folder with arrays of its frames changed; what is not there is made of the ranges."""
+    for file in folder.glob("*.npz"):
+        arrays = dict(np.load(file))
+        given = {name: change(arrays.get(name, arrays["range"])) for name, change in changes.items()}
+        np.savez(file, **{**arrays, **given})
+    return folder
 
 
 def test_frames_in_which_neither_side_sees_anything_differ_in_nothing():

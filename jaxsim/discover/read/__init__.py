@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -118,8 +119,8 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
     names = thin_frames(names, [scene_of(name, simulated, measured) for name in names], grid=grid)
     read = {*names}
     simulated_images, measured_images, rasters = _read(names, simulated, measured)
-    sides = dict(zip(names, simulated_images, strict=True)), dict(zip(names, measured_images, strict=True))
     # Some may be alike, where nothing is in reach of the sensor.
+    sides = _readings(names, simulated_images), _readings(names, measured_images)
     checks.check_no_copies(simulated, measured, sides=sides, allowed=len(names) - 1)
     about = _about(names, simulated, measured)
     # Times count from the recording's first frame, whether it is read or not: so does what simulates with the answer.
@@ -137,7 +138,7 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
     notes = [*(f"left out: {why}" for _, why in sorted(left_out.items()))]
     notes += [
         *checks.unpartnered(simulated.names, measured.names),
-        *checks.constant_intensity(simulated_images, measured_images),
+        *checks.constant_intensity(*([*map(checks.levels_of, side)] for side in (simulated_images, measured_images))),
     ]
     if rest.names:
         notes.append(
@@ -205,9 +206,15 @@ def _read(
         checks.plausible(name, image, "measured")
         measured_images.append(image)
         measured_rasters.append(rasters)
-    checks.check_sides(simulated.folder, measured.folder, rasters=(simulated_rasters, measured_rasters))
-    checks.check_no_doubles(measured.folder, names, simulated=simulated_images, measured=measured_images)
+    given = {*chain(*simulated_rasters)}, {*chain(*measured_rasters)}
+    checks.check_sides(simulated.folder, measured.folder, rasters=given)
+    readings = _readings(names, simulated_images), _readings(names, measured_images)
+    checks.check_no_doubles(measured.folder, readings)
     return simulated_images, measured_images, simulated_rasters
+
+
+def _readings(names: Sequence[str], images: Sequence[PolarImage]) -> dict[str, bytes]:
+    return {name: checks.readings_of(image) for name, image in zip(names, images, strict=True)}
 
 
 def _about(names: Sequence[str], simulated: PolarFrames, measured: PolarFrames) -> list[dict[str, Any]]:

@@ -7,7 +7,8 @@ the simulated surface is another matter. Of frames of other streets the road sti
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,12 +21,10 @@ from jaxsim.discover.rules import RULES
 from jaxsim.frame import PolarImage
 from jaxsim.geometry import grid_difference
 
-_Sides = tuple[Mapping[str, PolarImage], Mapping[str, PolarImage]]
-"""Simulated and measured frames by name."""
-_Side = Sequence[PolarImage]
-"""Frames of one side, in the order of their names."""
-_Rasters = Sequence[Mapping[str, np.ndarray]]
-"""What frames hold besides range and intensity."""
+_Sides = tuple[Mapping[str, bytes], Mapping[str, bytes]]
+"""`readings_of` simulated and measured frames, by name."""
+_Levels = Sequence[tuple[float, float]]
+"""`levels_of` the frames of one side."""
 RAYS_OF_FRAME = 2000
 """Rays looked at in each frame."""
 OTHERS = 64
@@ -41,11 +40,17 @@ RASTERS = ("semantic", "instance", "incidence", "rgb", "time")
 def plausible(name: str, image: PolarImage, side: str) -> None:
     """Raises ValueError for a frame that is empty, dark, or not in metres."""
     valid = np.asarray(image.valid)
-    range_m, intensity = np.asarray(image.range_m)[valid], np.asarray(image.intensity)[valid]
     if valid.mean() < RULES.fewest_returns:
         raise ValueError(
             f"discover: {side} frame {name} is empty: {valid.sum()} of {valid.size} rays returned; leave it out"
         )
+    check_units(name, image, side)
+
+
+def check_units(name: str, image: PolarImage, side: str) -> None:
+    """Raises ValueError for a frame with returns that is dark, or not in metres."""
+    valid = np.asarray(image.valid)
+    range_m, intensity = np.asarray(image.range_m)[valid], np.asarray(image.intensity)[valid]
     if np.median(range_m) > RULES.farthest_m:
         raise ValueError(
             f"discover: {side} frame {name} has a median range of {np.median(range_m):.0f}; ranges are metres: divide "
@@ -72,8 +77,8 @@ def check_one_grid(simulated: PolarFrames, measured: PolarFrames) -> None:
 def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: _Sides, allowed: int = 0) -> None:
     """Raises ValueError where more measured frames than are `allowed` hold the readings of a simulated one."""
     ours, theirs = sides
-    seen = {_readings(image): name for name, image in ours.items()}
-    copies = [(seen[_readings(image)], name) for name, image in theirs.items() if _readings(image) in seen]
+    seen = {readings: name for name, readings in ours.items()}
+    copies = [(seen[readings], name) for name, readings in theirs.items() if readings in seen]
     if len(copies) > allowed:
         first, second = copies[0]
         raise ValueError(
@@ -82,24 +87,24 @@ def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: _Si
         )
 
 
-def check_no_doubles(folder: Path, names: Sequence[str], *, simulated: _Side, measured: _Side) -> None:
+def check_no_doubles(folder: Path, sides: _Sides) -> None:
     """Raises ValueError where two measured frames (of `folder`) hold the same readings, and their simulated partners do
     not: a sensor's noise makes each frame its own."""
-    seen: dict[tuple[bytes, bytes], int] = {}
-    for k, image in enumerate(measured):
-        first = seen.setdefault(_readings(image), k)
-        if _readings(simulated[first]) != _readings(simulated[k]):
+    simulated, measured = sides
+    seen: dict[bytes, str] = {}
+    for name, readings in measured.items():
+        first = seen.setdefault(readings, name)
+        if simulated[first] != simulated[name]:
             raise ValueError(
-                f"discover: {names[first]} and {names[k]} of {folder} hold the same readings to the last digit, and "
-                "their simulated frames differ; one is a copy: leave it out, or put back what it was"
+                f"discover: {first} and {name} of {folder} hold the same readings to the last digit, and their "
+                "simulated frames differ; one is a copy: leave it out, or put back what it was"
             )
 
 
-def check_sides(simulated: Path, measured: Path, *, rasters: tuple[_Rasters, _Rasters]) -> None:
+def check_sides(simulated: Path, measured: Path, *, rasters: tuple[Collection[str], Collection[str]]) -> None:
     """Raises ValueError where measured frames tell angles of incidence and simulated ones do not: a sensor knows none.
-    `rasters` are the further ones of the simulated and of the measured frames."""
-    known = any("incidence" in of_frame for of_frame in rasters[0])
-    by_sensor = any("incidence" in of_frame for of_frame in rasters[1])
+    `rasters` are the names of the further ones of the simulated and of the measured frames."""
+    known, by_sensor = ("incidence" in names for names in rasters)
     if by_sensor and not known:
         raise ValueError(
             f"discover: frames of {measured} tell the incidence of every ray, which no sensor knows, and those of "
@@ -107,8 +112,9 @@ def check_sides(simulated: Path, measured: Path, *, rasters: tuple[_Rasters, _Ra
         )
 
 
-def _readings(image: PolarImage) -> tuple[bytes, bytes]:
-    return image.range_m.tobytes(), image.intensity.tobytes()
+def readings_of(image: PolarImage) -> bytes:
+    """A digest of a frame's ranges and intensities, which differs where a digit of them does."""
+    return hashlib.blake2b(image.range_m.tobytes() + image.intensity.tobytes(), digest_size=16).digest()
 
 
 def all_or_none(folder: Path, names: Sequence[str], extra: Sequence[Mapping[str, np.ndarray]]) -> None:
@@ -128,15 +134,15 @@ def unpartnered(simulated: Sequence[str], measured: Sequence[str]) -> list[str]:
     return [f"{alone} frames have no partner of the same name in the other folder and are left out"] if alone else []
 
 
-def constant_intensity(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
+def constant_intensity(simulated: _Levels, measured: _Levels) -> list[str]:
     """Gives a note where the simulated intensity is alike everywhere. Raises ValueError where the measured one is."""
-    least, most = _levels(measured)
+    least, most = _range(measured)
     if least == most:
         raise ValueError(
             f"discover: measured intensity is {least:g} everywhere; a sensor that reports none cannot be "
             "compared: give what it measures (reflectivity, signal or intensity of its driver)"
         )
-    least, most = _levels(simulated)
+    least, most = _range(simulated)
     if least == most:
         return [
             f"simulated intensity is {least:g} everywhere: what differs between surfaces counts as noise or as "
@@ -145,10 +151,14 @@ def constant_intensity(simulated: Sequence[PolarImage], measured: Sequence[Polar
     return []
 
 
-def _levels(side: Sequence[PolarImage]) -> tuple[float, float]:
-    """Gives the least and the largest intensity of all returns."""
-    values = [np.asarray(image.intensity)[np.asarray(image.valid)] for image in side]
-    return min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+def levels_of(image: PolarImage) -> tuple[float, float]:
+    """Gives the least and the largest intensity of a frame's returns; of none the least is above the largest."""
+    values = np.asarray(image.intensity)[np.asarray(image.valid)]
+    return float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
+
+
+def _range(levels: _Levels) -> tuple[float, float]:
+    return min(low for low, _ in levels), max(high for _, high in levels)
 
 
 def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -27,6 +27,9 @@ class GateRules:
     gate_worse_share: float = 0.10
     """Share by which a channel's distance may exceed the baseline's: a mean over eight scenes scatters by less (a
     judgement, not calibrated)."""
+    gate_frames_share: float = 0.9
+    """Of the frames that a gate was written from, the share that must be there each time (a judgement, not
+    calibrated)."""
     gate_effect_nats: float = 2.5
     """Held-out nats a scene from which a named effect is a gap, by default, and nats of judge scenes from which what
     has no name is one; below it a gate is unsure (set on benchmarks/blind/measured, worlds_sealed, ..._again and

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
-from jaxsim.discover.read.checks import all_or_none, check_no_copies, check_one_grid, plausible
+from jaxsim.discover.read.checks import all_or_none, check_no_copies, check_one_grid, plausible, readings_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import MEDIAN_TO_SD
 from jaxsim.effects.places import rays_at
@@ -42,9 +42,9 @@ class SideFrames:
     """Cityscapes ids."""
 
     @property
-    def by_name(self) -> dict[str, PolarImage]:
-        """The images by their frames' names."""
-        return dict(zip(self.names, self.images, strict=True))
+    def digests(self) -> dict[str, bytes]:
+        """`readings_of` the images, by their frames' names."""
+        return {name: readings_of(image) for name, image in zip(self.names, self.images, strict=True)}
 
     def readings(self, field: str) -> np.ndarray:
         """A field of the images, of all rays that returned."""
@@ -161,7 +161,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     grid = predicted.grid
     ours = read_folder(predicted, "simulated")
     theirs = read_folder(recorded, "measured")
-    check_no_copies(predicted, recorded, sides=(ours.by_name, theirs.by_name))
+    check_no_copies(predicted, recorded, sides=(ours.digests, theirs.digests))
     # What the simulated ranges lack of the measured ones' noise.
     noise_m = float(np.sqrt(max(theirs.roughness_m**2 - ours.roughness_m**2, 0.0)))
     steps = _steps(ours, theirs)
