@@ -63,6 +63,11 @@ class Export(OnWorkers, IntoFolder):
 
     def maker(self, load_run: Callable[[Path], LearnedSensor]) -> TreeMaker:
         """What makes the tree. Raises ValueError for flags that name what is not there, or do not fit the data set."""
+        if self.filled[0] < self.filled[1]:
+            raise ValueError(
+                f"export: --filled is {self.filled[0]:g} {self.filled[1]:g}; an object at level 0 fills more of its "
+                "box than one at level 1: give the larger share first"
+            )
         source = self.data.named("export", "--data.kind vkitti2")
         if source.kind == "synthetic" and not self.frames:
             raise ValueError("export: the embedded world has no end; say which frames: --frames 0-199")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from jaxsim.config.data import DataConfig, RunConfig
-from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Share, Whole
+from jaxsim.config.ranges import Checked, Count, Decay, NotNegative, Positive, Share, Whole
 
 Part = Literal["branches", "refinement", "joint"]
 Norms = Literal["batch", "renorm", "stored"]
@@ -57,7 +57,7 @@ class PenetConfig(Checked):
     where a rate of 1e-3 takes thousands of updates to a street's depths: too many for a small training. Where it began
     with too small a deviation, a small training knew what is far and took all of it for 20 to 30 m."""
     weight_decay: NotNegative = 1e-6
-    betas: tuple[Share, Share] = (0.9, 0.99)
+    betas: tuple[Decay, Decay] = (0.9, 0.99)
     flip: bool = True
     jitter: NotNegative = 0.1
     """Brightness, contrast and saturation change at random by up to this share."""

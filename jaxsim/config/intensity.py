@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from jaxsim.config.data import DataConfig, PrepareConfig, RunConfig
-from jaxsim.config.ranges import Checked, Count, File, Lasts, NotNegative, Positive, Share, Used, Whole
+from jaxsim.config.ranges import Checked, Count, Decay, File, Lasts, NotNegative, Positive, Share, Used, Whole
 
 Pix2PixForm = Literal["imaginaire", "original"]
 """Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
@@ -95,7 +95,7 @@ class OptimConfig(Checked):
 
     lr: Positive = 2e-4
     """Rate of both networks: how far a step goes. Lower it where a training diverges."""
-    betas: tuple[Share, Share] = (0.5, 0.999)
+    betas: tuple[Decay, Decay] = (0.5, 0.999)
     """Share of Adam's averages of gradients, and of their squares, that each step keeps."""
     eps: Positive = 1e-8
     """Added to the root of the squares' average, so that no step is divided by 0."""

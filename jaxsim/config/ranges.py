@@ -18,13 +18,14 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, Lt
 
 Count = Annotated[int, Ge(1)]
 Whole = Annotated[int, Ge(0)]
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
 Share = Annotated[float, Ge(0), Le(1)]
+Decay = Annotated[float, Ge(0), Lt(1)]
 
 # Roles. A setting without one decides what is learned.
 Role = Literal["kept", "used", "lasts", "file", "drawn", "chosen", "frame", "weights"]
@@ -98,7 +99,7 @@ def _wrong(value: Any, hint: Any) -> str:
     """What a value must be and is not; empty where it is right. Looks into tuples and alternatives."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        limits = [limit for limit in hint.__metadata__ if isinstance(limit, Ge | Gt | Le)]
+        limits = [limit for limit in hint.__metadata__ if isinstance(limit, Ge | Gt | Le | Lt)]
         broken = not all(_within(value, limit) for limit in limits) if isinstance(value, Real) else False
         return _wrong(value, arguments[0]) or (" and ".join(map(_told, limits)) if broken else "")
     if origin in (Union, UnionType):
@@ -130,10 +131,14 @@ def _wrong(value: Any, hint: Any) -> str:
 def _within(value: Any, limit: Any) -> bool:
     if isinstance(limit, Le):
         return value <= limit.le
+    if isinstance(limit, Lt):
+        return value < limit.lt
     return value >= limit.ge if isinstance(limit, Ge) else value > limit.gt
 
 
-def _told(limit: Ge | Gt | Le) -> str:
+def _told(limit: Ge | Gt | Le | Lt) -> str:
     if isinstance(limit, Le):
         return f"{limit.le} or less"
+    if isinstance(limit, Lt):
+        return f"below {limit.lt}"
     return f"{limit.ge} or more" if isinstance(limit, Ge) else f"above {limit.gt}"

@@ -31,7 +31,7 @@ from jaxsim.data.kitti_files import (
     read_plane,
     scan_time,
 )
-from jaxsim.files import files_in, read_names
+from jaxsim.files import files_in, in_order, read_names
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 from jaxsim.progress import counted
@@ -235,8 +235,8 @@ def _lacking(scans: Path, images: Path) -> str:
 def _numbers(scans: Path, images: Path) -> list[str]:
     """Frame numbers that have a scan and an image; scans without an image are told."""
     numbers = set(_frames_in(scans, ".bin")), set(_frames_in(images, ".png"))
-    both = sorted(set.intersection(*numbers))
-    if both and (alone := sorted(numbers[0].difference(both))):
+    both = sorted(set.intersection(*numbers), key=in_order)
+    if both and (alone := sorted(numbers[0].difference(both), key=in_order)):
         _log.warning(
             f"{counted(len(alone), 'scan')} of {len(numbers[0])} in {scans} left out, as {images} has no image of the "
             f"same number: {alone[0]}{' ...' if len(alone) > 1 else ''}"

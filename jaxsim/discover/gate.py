@@ -286,8 +286,8 @@ def _in_nats(effect: Named) -> bool:
 
 
 def _too_few(frames: int, fewest: int) -> Check:
-    words = f"{counted(frames, 'frame')} compared, and at least {fewest} must be; are some of the simulated ones missing?"
-    return Check("frames", "unsure", f'{words} Or give "frames" in the gate')
+    words = f"{counted(frames, 'frame')} compared, and at least {fewest} must be: simulate the others"
+    return Check("frames", "unsure", f'{words}, or give "frames" in the gate')
 
 
 def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:

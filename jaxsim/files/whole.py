@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import glob
+import math
 import os
 import re
 import secrets
@@ -60,14 +61,21 @@ def write_text(path: Path | str, text: str) -> Path:
 
 
 def files_in(folder: Path | str, *suffixes: str) -> list[Path]:
-    """The files of a folder with one of these suffixes (`.npz`), by name; none where there is no such folder.
+    """The files of a folder with one of these suffixes (`.npz`), `in_order`; none where there is no such folder.
 
     A suffix in capitals is the same, so that what is then missed under its usual name is told, not passed over. Hidden
     files are left out: those that a killed process left half written (`replacing`), and what other programs keep of
     their own (`._000000.bin` of macOS).
     """
     paths = Path(folder).glob("*")
-    return sorted(path for path in paths if path.suffix.lower() in suffixes and not path.name.startswith("."))
+    found = (path for path in paths if path.suffix.lower() in suffixes and not path.name.startswith("."))
+    return sorted(found, key=lambda path: in_order(path.name))
+
+
+def in_order(name: str) -> list[tuple[float, str]]:
+    """The key by which names are sorted: numbers in them count as numbers, so that 9 comes before 10, padded or not."""
+    parts = (part for part in re.split(r"(\d+)", name) if part)
+    return [(int(part), "") if part.isdecimal() else (math.inf, part) for part in parts]
 
 
 def files_below(folder: Path | str, suffix: str) -> Iterator[Path]:

@@ -162,8 +162,8 @@ def _lacks(view: CameraFrame, config: PrepareConfig, *, with_depth: bool) -> lis
     lacks: list[str] = []
     if with_depth and (view.depth_m is None or view.depth_valid is None):
         lacks.append(
-            "the view has no depth; give depth_m and depth_valid, or complete it from the LiDAR's points with "
-            "--prepare.depth ip_basic_fast"
+            "the view has no depth; give depth_m and depth_valid, or train on depth that is completed from the LiDAR's "
+            "points: --prepare.depth ip_basic_fast"
         )
     missing = {name: "class labels" for name in ("semantic", "edges") if view.semantic is None}
     missing |= {name: "an image" for name in ("rgb", "surroundings") if not view.has_image}
@@ -173,7 +173,7 @@ def _lacks(view: CameraFrame, config: PrepareConfig, *, with_depth: bool) -> lis
         rest = rest or ("rgb depth row" if view.has_image else "depth row")
         lacks.append(
             f"the inputs {' and '.join(needed)} need {' and '.join(dict.fromkeys(needed.values()))}, which this view "
-            f"does not have; leave them out with --prepare.inputs {rest}, or choose frames that have it"
+            f"does not have; train without them, --prepare.inputs {rest}, or choose frames that have it"
         )
     return lacks
 

@@ -22,6 +22,8 @@ from jaxsim.config.ranges import settings_of
         ("detect RUN --clouds C --out OUT --pictures -1", "pictures .* is -1; it must be 0 or more"),
         ("discover RUN --out OUT --nulls -1", "nulls .* is -1"),
         ("train demo --optim.lr nan", "lr .* is nan; it must be a finite number"),
+        ("train demo --optim.betas 1 0.9", "betas .* it must be 0 or more and below 1, each"),
+        ("frames LOG --log.columns 1", "columns .* is 1; it must be 2 or more and 65536 or less"),
         ("train demo --run.keep 0", "keep .* is 0; it must be 1 or more"),
     ],
 )

@@ -1,5 +1,7 @@
 """Scans that were cut between two points, and clouds that no LiDAR measures, come through no reader."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from jaxsim.data.logs import LogOptions, source_for, write_log
 from jaxsim.data.polar_frames import read_frame
 from jaxsim.evaluate.cloud_folder import read_points
 from jaxsim.evaluate.generation import open_folder
-from jaxsim.geometry import preset, recover_rows
+from jaxsim.geometry import UnorderedCloud, preset, recover_rows
 from tests.data.round_room import scan, write_scan
 
 
@@ -218,3 +220,23 @@ def test_a_name_that_comes_with_both_suffixes_is_judged_by_nobody(tmp_path):
     for read in (cloud_files, open_folder):
         with pytest.raises(ValueError, match=r"holds a twice, as \.bin and \.npz"):
             read(tmp_path / "clouds")
+
+
+def test_mirrored_scans_are_refused_or_told(samples, tmp_path):
+    """The rows of some are right by their elevations, and cloud and image do not fit."""
+    files = sorted(samples.glob("kitti_raw/2011_09_26/*/velodyne_points/data/*.bin"))
+    told = 0
+    for file in files:
+        points = np.fromfile(file, "<f4").reshape(-1, 4)
+        points[:, 1] *= -1
+        points.tofile(tmp_path / file.name)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                read_scan(tmp_path / file.name, "file_order")
+            except UnorderedCloud:
+                continue
+        assert "its points run clockwise" in str(caught[0].message)
+        told += 1
+    assert files
+    assert told

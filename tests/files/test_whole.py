@@ -172,3 +172,10 @@ def test_a_pipe_is_no_file_and_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(ValueError, match="no regular file"):
         check_size(tmp_path / "pipe", by="test")
+
+
+def test_numbers_in_names_count_as_numbers(tmp_path):
+    names = ["9.bin", "10.bin", "0011.bin", "a.bin", "b2.bin", "b10.bin"]
+    for name in names:
+        (tmp_path / name).touch()
+    assert [path.name for path in files_in(tmp_path, ".bin")] == names
