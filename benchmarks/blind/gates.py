@@ -29,13 +29,12 @@ from tqdm import tqdm
 from benchmarks.blind import hidden
 from benchmarks.blind.tables import rate
 from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.discover.distances import distances_of, frame_distances
 from jaxsim.discover.gate import (
     NOT_NAMED,
     Gate,
     check_distances,
     colour_of,
-    distances_of,
-    frame_distances,
     thresholds_of,
 )
 from jaxsim.discover.rules import RULES as DISCOVER_RULES

@@ -61,7 +61,7 @@ class Discover(Naming):
             make_gate(self.write_gate, self.out, shown)
 
     def compare(self) -> Compared:
-        from jaxsim.discover.gate import quick_distances
+        from jaxsim.discover.distances import quick_distances
 
         check_unpaired(vars(self))
         return quick_distances(*self.folders()) if self.fast else self.answer()

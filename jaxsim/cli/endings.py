@@ -82,8 +82,7 @@ def words_of(error: BaseException) -> str | None:
     if isinstance(error, RuntimeError) and isinstance(of_path, OSError) and of_path.errno == errno.ELOOP:
         return words_of(of_path)
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
-        less = "fewer at once (--batch, --optim.batch, --workers) or a smaller grid take less"
-        return f"not enough memory ({_first(error)}); {less}"
+        return f"not enough memory ({_first(error)}); ask for less at once (--batch, --workers) or of smaller grids"
     if _has_no_device(error):
         return f"JAX starts no device ({_first(error)}); JAX_PLATFORMS=cpu needs none, jaxsim doctor tells what is set"
     if isinstance(error, DAMAGE):

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from jaxsim.cli.endings import words_of
+from jaxsim.discover.distances import QuickDistances
 from jaxsim.discover.gate import (
     Check,
     Colour,
-    QuickDistances,
     check_free,
     check_quick,
     check_verdict,
@@ -54,16 +54,21 @@ def ask_gate(path: Path, out: Path, compare: Callable[[], Compared]) -> int:
     """The exit status of a gate, whose checks are written to `out`; where the gate cannot be read, or frames cannot be
     compared, that of "unsure": a gap is what a simulation lacks, not what a file does."""
     begun = time.monotonic()
+    notes: tuple[str, ...] = ()
     try:
         gate = read_gate(path)
         shown = compare()
-        checks = check_verdict(gate, shown) if isinstance(shown, Verdict) else check_quick(gate, shown)
+        if isinstance(shown, Verdict):
+            checks, notes = check_verdict(gate, shown), shown.notes
+        else:
+            checks = check_quick(gate, shown)
     except (ValueError, OSError) as error:
         checks = (Check("comparison", "unsure", words_of(error) or str(error)),)
     colour = colour_of(checks)
     write_text(out / "junit.xml", junit(checks, seconds=time.monotonic() - begun))
-    write_text(out / "gate.md", markdown(checks, title=TITLES[colour]))
-    print(markdown(checks, title=TITLES[colour]))
+    page = markdown(checks, title=TITLES[colour], notes=notes)
+    write_text(out / "gate.md", page)
+    print(page)
     return EXIT[colour]
 
 

@@ -70,5 +70,5 @@ def _cell(change: Change | None) -> str:
     if change is None:
         return ""
     # Nats of intensity are told as a share, too.
-    share = math.expm1 if change.channel == "intensity" else float
+    share = float if change.channel == "returns" else math.expm1
     return f"{100 * share(change.value):+.1f} % ({100 * share(change.low):+.1f} .. {100 * share(change.high):+.1f})"

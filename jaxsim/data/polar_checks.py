@@ -27,6 +27,8 @@ ID_RASTERS = ("semantic", "instance")
 """Rasters of ids."""
 FASTEST_MPS = 150.0
 """No car that carries a LiDAR drives faster: 540 km/h."""
+UNEVEN = 0.5
+"""Columns by which a column may lie off even spacing: half a column is where rays are looked up in the next one."""
 TURNS_RAD = 4 * np.pi
 """A heading or a beam's angle beyond it is in degrees."""
 
@@ -44,8 +46,18 @@ def angles_of(path: Path, name: str, given: Any) -> Float[np.ndarray, " n"]:
     if rising.size and name == "azimuth":
         raise ValueError(
             f"polar frames: {path}: azimuth must fall from column to column, from left to right as the camera sees the "
-            "scene (atan2(y, x), x forward, y left; add 2 pi left of a window across the rear)"
+            "scene (atan2(y, x), x forward, y left), and go on past -pi where a turn or a window across the rear does: "
+            "subtract 2 pi from there on"
         )
+    if name == "azimuth":
+        # In steps, from where even spacing has each column: rays are looked up by it.
+        off = np.abs(angles - np.linspace(angles[0], angles[-1], angles.size)) * (angles.size - 1)
+        off /= angles[0] - angles[-1]
+        if off.max() > UNEVEN:
+            raise ValueError(
+                f"polar frames: {path}: azimuth must be evenly spaced, and column {int(off.argmax())} lies "
+                f"{off.max():.2g} columns off; sort the firings into even columns (`jaxsim frames` does)"
+            )
     if rising.size:
         k = int(rising[0])
         raise ValueError(

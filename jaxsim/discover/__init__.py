@@ -25,7 +25,7 @@ Rooms in the order in which the data meets them; each one's page has its files, 
     show                     how far the sides are apart on unseen scenes; what the frames could show; words
     stages, workflow         place, ask, complete, conclude: the whole way
     unpaired                 the whole way where the streets differ
-    gate, watch              whether an answer passes in CI; how a sensor changes over days
+    distances, gate, watch   how far two folders are apart; whether an answer passes in CI; a sensor over days
 """
 
 from jaxsim.discover.read import Comparison, read_comparison

@@ -2,8 +2,8 @@
 
 A street decides how bright and how far everything is; dirt on the window, a dying beam and a drifting emitter show in
 what a row or a sector has beside the rest of its frame. So rows and sectors are held against their own frame's median,
-scene by scene, and days against each other by the scatter between scenes. A frame after the other is read and
-forgotten.
+scene by scene, and days against each other by the scatter between scenes. The road under the sensor is where it was,
+unless the sensor's ranges, its height or its tilt are not. A frame after the other is read and forgotten.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from jaxsim.data.polar_frames import open_polar_frames, scene_of
+from jaxsim.data.polar_frames import PolarFrames, open_polar_frames, scene_of
+from jaxsim.discover.read.checks import check_units
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import difference_interval, scene_means
 from jaxsim.frame import PolarGrid, PolarImage
@@ -27,11 +28,11 @@ class Change:
     """What is not as it was, on one day."""
 
     what: str
-    """`row 12`, `sector 3 (from 60 to 90 degrees)`, or `all`."""
+    """`row 12`, `sector 3 (from 60 to 90 degrees)`, `all`, or `the road`."""
     channel: str
-    """intensity or returns."""
+    """intensity, returns, or range, which is the road's."""
     value: float
-    """Today less before: of intensity in nats, of returns as a share of rays."""
+    """Today less before: of intensity and range in nats, of returns as a share of rays."""
     low: float
     high: float
     """Its interval, so wide that `Rules.watch_chance` holds for all questions of a day together."""
@@ -66,7 +67,8 @@ def watch_days(before: Path, days: Sequence[Path]) -> tuple[Day, ...]:
 def scene_table(folder: Path) -> tuple[PolarGrid, Float[np.ndarray, "s k"]]:
     """What is asked of a folder's frames: a row a scene, the mean of its frames. NaN where a row saw nothing."""
     frames = open_polar_frames(folder)
-    table = scene_means((scene_of(name, frames), measures(frames.read(name)[0])) for name in frames.names)
+    road = np.asarray(frames.grid.elevation_rad) <= -RULES.watch_road_rad
+    table = scene_means((scene_of(name, frames), measures(_read(frames, name), road)) for name in frames.names)
     if len(table) < RULES.fewest_for_scatter:
         raise ValueError(
             f"watch: {folder} has {len(table)} scenes; {RULES.fewest_for_scatter} are needed to know how much "
@@ -75,9 +77,16 @@ def scene_table(folder: Path) -> tuple[PolarGrid, Float[np.ndarray, "s k"]]:
     return frames.grid, table
 
 
-def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
+def _read(frames: PolarFrames, name: str) -> PolarImage:
+    image, _ = frames.read(name)
+    if np.asarray(image.valid).any():  # a sensor that sees nothing any more has changed
+        check_units(name, image, str(frames.folder))
+    return image
+
+
+def measures(image: PolarImage, road: Bool[np.ndarray, " rows"]) -> Float[np.ndarray, " k"]:
     """Log intensity and share of returns of a frame, and of its rows and sectors beside the median of these: one that
-    changes does not move the others."""
+    changes does not move the others; last the log range of the road, which the rows `road` see."""
     valid = np.asarray(image.valid)
     log_intensity = np.log(np.maximum(np.asarray(image.intensity), RULES.watch_least))
     # The whole frame, then its rows, then its sectors: the order of `measure_names`.
@@ -89,7 +98,15 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
         for part in (line[1 : len(valid) + 1], line[len(valid) + 1 :]):
             # A view: the median goes off the frame's own numbers.
             part -= np.nanmedian(part) if np.isfinite(part).any() else 0.0
-    return np.concatenate([level, share])
+    return np.concatenate([level, share, [_log_road(np.asarray(image.range_m)[road], valid[road])]])
+
+
+def _log_road(range_m: Float[np.ndarray, "rows columns"], valid: Bool[np.ndarray, "rows columns"]) -> float:
+    """Mean over rows of the log of the road's range; NaN where a row returns nothing, or none sees the road."""
+    if not len(valid) or not valid.any(axis=1).all():
+        return np.nan
+    far = np.nanquantile(np.where(valid, range_m, np.nan), RULES.watch_road_quantile, axis=1)
+    return float(np.log(far).mean())
 
 
 def measure_names(grid: PolarGrid) -> list[tuple[str, str]]:
@@ -98,7 +115,7 @@ def measure_names(grid: PolarGrid) -> list[tuple[str, str]]:
     edges = [(part[0], part[-1]) for part in np.array_split(degrees, RULES.watch_sectors)]
     sectors = [f"sector {k} (from {left:.0f} to {right:.0f} degrees)" for k, (left, right) in enumerate(edges)]
     names = ["all", *(f"row {k}" for k in range(len(grid.elevation_rad))), *sectors]
-    return [(name, channel) for channel in ("intensity", "returns") for name in names]
+    return [*((name, channel) for channel in ("intensity", "returns") for name in names), ("the road", "range")]
 
 
 def changes(

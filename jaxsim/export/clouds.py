@@ -143,7 +143,7 @@ def _dense(
     has_depth = np.isfinite(view.depth_m) & (np.asarray(view.depth_m) > 0)
     has_depth = has_depth if view.depth_valid is None else has_depth & np.asarray(view.depth_valid)
     intensity = learned.intensity_map(view) if recipe.source == "simulated" and learned is not None else None
-    return depth_to_cloud(
+    cloud = depth_to_cloud(
         view.camera,
         view.depth_m,
         has_depth,
@@ -151,3 +151,5 @@ def _dense(
         drop_zero=not recipe.keep_zero,
         max_high_m=recipe.max_high_m,
     )
+    # A renderer's depth goes on to the horizon; what lies farther than any LiDAR sees is no point.
+    return replace(cloud, valid=cloud.valid & (np.abs(np.asarray(cloud.xyz_m)).max(-1) <= FAR_M))

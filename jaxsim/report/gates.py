@@ -38,7 +38,8 @@ def junit(checks: Sequence[Check], *, seconds: float) -> str:
     return ET.tostring(suite, encoding="unicode", xml_declaration=True)
 
 
-def markdown(checks: Sequence[Check], *, title: str) -> str:
-    """A table of the checks."""
+def markdown(checks: Sequence[Check], *, title: str, notes: Sequence[str] = ()) -> str:
+    """A table of the checks, and under it the answer's notes."""
     rows = [(check.name, WORDS[check.colour], check.words) for check in checks]
-    return f"## {title}\n\n{markdown_table(('check', '', ''), rows)}\n"
+    page = f"## {title}\n\n{markdown_table(('check', '', ''), rows)}\n"
+    return page + "".join(("\n", *(f"- {note}\n" for note in notes))) if notes else page

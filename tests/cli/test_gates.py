@@ -2,6 +2,7 @@
 
 import errno
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,8 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.gates import ask_gate, check_flags, make_gate
-from jaxsim.discover.gate import QuickDistances, save_gate
+from jaxsim.discover.distances import QuickDistances
+from jaxsim.discover.gate import save_gate
 from jaxsim.discover.verdict import Interval
 from tests.report import results
 
@@ -95,3 +97,10 @@ def test_nothing_is_written_into_a_folder_that_is_read(tmp_path, capsys, flag):
     assert said.startswith("2 ") == (flag == "--gate")
     assert "would be written into; give another --out" in said
     assert not [*(tmp_path / "measured").iterdir()]
+
+
+def test_the_notes_of_an_answer_stand_under_its_checks(tmp_path, capsys):
+    verdict = replace(results.named().verdict, notes=("10 frames have no partner",))
+    (tmp_path / "gate.json").write_text(json.dumps({"allowed": [effect.name for effect in verdict.effects]}))
+    ask_gate(tmp_path / "gate.json", tmp_path, lambda: verdict)
+    assert (tmp_path / "gate.md").read_text().endswith("\n\n- 10 frames have no partner\n")

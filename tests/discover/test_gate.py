@@ -10,41 +10,19 @@ import numpy as np
 import pytest
 
 from jaxsim.cli import discover, main
+from jaxsim.discover.distances import quick_distances
 from jaxsim.discover.gate import (
     check_quick,
     check_verdict,
     colour_of,
-    frame_distances,
-    quick_distances,
     read_gate,
     save_gate,
     thresholds_of,
 )
 from jaxsim.discover.verdict import Interval, Named
-from jaxsim.frame import PolarImage
 from tests.discover.made_embedded import write_streets
 from tests.discover.made_gate import sides
 from tests.report import results
-
-
-def test_distances_are_the_plainest_means_over_scenes(tmp_path):
-    simulated, measured = sides(tmp_path, scenes=5)
-    found = quick_distances(simulated, measured)
-    rows = []
-    for k in range(5):
-        a, b = (np.load(folder / f"{k:03d}.npz") for folder in (simulated, measured))
-        both = (a["range"] > 0) & (b["range"] > 0)
-        rows.append(
-            (
-                np.abs(a["intensity"] - b["intensity"])[both].mean(),
-                np.median(np.abs(a["range"] - b["range"])[both]),
-                ((a["range"] > 0) != (b["range"] > 0)).sum() / (a["range"] > 0).sum(),
-            )
-        )
-    expected = np.array(rows)
-    for k, one in enumerate(found.channels.values()):
-        assert one.value == pytest.approx(expected[:, k].mean(), rel=1e-5)
-        assert one.low < one.value < one.high
 
 
 def test_of_a_hundred_means_at_the_threshold_at_most_five_turn_red():
@@ -307,17 +285,6 @@ def test_a_channel_that_was_compared_before_and_is_not_now_is_unsure(tmp_path, l
     assert checks["range against baseline"].colour == "pass"
 
 
-@pytest.mark.parametrize("common", [0, 1])
-def test_no_more_than_all_rays_are_lost(common):
-    def image(valid):
-        return PolarImage(20 * valid.astype(np.float32), 0.5 * valid.astype(np.float32), valid)
-
-    ray = np.arange(20).reshape(4, 5)
-    intensity, _, drop = frame_distances(image(ray < 5 + common), image(ray >= 5))
-    assert drop == 1
-    assert np.isnan(intensity) == (not common)
-
-
 def test_a_simulator_that_renders_nothing_in_most_frames_is_red(tmp_path):
     simulated, measured = sides(tmp_path)
     asked = gate(tmp_path, thresholds=thresholds_of(quick_distances(simulated, measured).channels))
@@ -361,35 +328,6 @@ def test_a_file_that_is_no_gate_is_not_written_over(tmp_path):
     assert read_gate(tmp_path / "gate.json").thresholds == {"drop": 0.2}
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda s, m: (m, m), "hold the same readings"),
-        (lambda s, m: (altered(s, range=lambda x: x / 1000), m), "ranges are metres"),
-        (lambda s, m: (s, altered(m, intensity=lambda x: 0 * x + 0.5)), "measured intensity is 0.5 everywhere"),
-        (lambda s, m: (s, altered(m, incidence=lambda x: 0 * x + 0.5)), "which no sensor knows"),
-    ],
-)
-def test_fast_refuses_what_a_whole_answer_refuses(tmp_path, change, message):
-    with pytest.raises(ValueError, match=message):
-        quick_distances(*change(*sides(tmp_path)))
-
-
-def altered(folder, **changes):
-    """The folder with arrays of its frames changed; what is not there is made of the ranges."""
-    for file in folder.glob("*.npz"):
-        arrays = dict(np.load(file))
-        given = {name: change(arrays.get(name, arrays["range"])) for name, change in changes.items()}
-        np.savez(file, **{**arrays, **given})
-    return folder
-
-
-def test_frames_in_which_neither_side_sees_anything_differ_in_nothing():
-    nothing = np.zeros((2, 3), bool)
-    image = PolarImage(nothing.astype(np.float32), nothing.astype(np.float32), nothing)
-    assert np.isnan(frame_distances(image, image)).all()
-
-
 @pytest.mark.parametrize("said", ["unrelated", "a curve", "a pattern"])
 def test_what_was_not_asked_or_has_no_name_beside_what_may_be_missing_is_unsure(tmp_path, said):
     named = results.named().verdict
@@ -425,3 +363,10 @@ def test_losses_that_gain_no_nats_are_red_by_their_chance(tmp_path, p, colour):
     assert check.colour == colour
     assert "0.45 share of rays" in check.words
     assert ("losses at a p above 0.01" in check.words) == (colour == "unsure")
+
+
+@pytest.mark.parametrize("channel", ["intensity", "drop"])
+def test_a_threshold_in_percent_would_never_be_reached(tmp_path, channel):
+    asked = gate(tmp_path, thresholds={channel: 5})
+    with pytest.raises(ValueError, match=rf"the threshold of {channel} is 5, .*give a number below 1"):
+        check_quick(asked, quick_distances(*sides(tmp_path)))

@@ -9,11 +9,12 @@ from jaxsim.frame import PolarImage
 from tests.discover.made_watch import GRID, day, drives, dying_beam
 
 ROWS, COLUMNS, SCENES = 8, 96, 10
+ROAD = np.asarray(GRID.elevation_rad) <= -RULES.watch_road_rad
 
 
 def table(seed):
     """What a folder of `day` is asked, without its files."""
-    return np.array([measures(image) for _, _, image in drives(seed)]).reshape(SCENES, 3, -1).mean(1)
+    return np.array([measures(image, ROAD) for _, _, image in drives(seed)]).reshape(SCENES, 3, -1).mean(1)
 
 
 def dirty_window(intensity, valid):
@@ -46,7 +47,7 @@ def test_beams_that_are_dead_where_every_ray_returns_are_found(dead):
         valid = np.ones((ROWS, COLUMNS), bool)
         valid[list(rows)] = False
         intensity = np.random.default_rng(seed).uniform(0.1, 0.6, (ROWS, COLUMNS)).astype("f4")
-        return measures(PolarImage(np.where(valid, 20, 0).astype("f4"), intensity * valid, valid))
+        return measures(PolarImage(np.where(valid, 20, 0).astype("f4"), intensity * valid, valid), ROAD)
 
     before = np.array([full(k) for k in range(8)])
     today = np.array([full(8 + k, *dead) for k in range(8)])
@@ -55,3 +56,15 @@ def test_beams_that_are_dead_where_every_ray_returns_are_found(dead):
     assert rows == {(f"row {row}", "returns"): -1.0 for row in dead}
     # The dead rows come first: they are stronger than what they do to the whole frame.
     assert [one.what for one in found[: len(dead)]] == [f"row {row}" for row in dead]
+
+
+@pytest.mark.parametrize("unit", [1 / 3.28, 0.97])
+def test_ranges_that_are_of_another_unit_or_scale_show_on_the_road(tmp_path, unit):
+    monday, tuesday = day(tmp_path / "monday", 0), day(tmp_path / "tuesday", 1, unit=unit)
+    (told,) = watch_days(monday, [tuesday])
+    (change,) = [one for one in told.changes if one.channel == "range"]
+    assert change.what == "the road"
+    assert change.low < -np.log(unit) < change.high
+    day(tmp_path / "kilometres", 1, unit=1000)
+    with pytest.raises(ValueError, match=r"kilometres frame .* ranges are metres"):
+        watch_days(monday, [tmp_path / "kilometres"])

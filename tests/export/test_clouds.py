@@ -104,6 +104,16 @@ def test_fewer_lines_have_fewer_points_and_both_readings_of_32_are_there(virtual
     assert set(four.row[four.valid].tolist()) == {9, 13, 17, 21}
 
 
+def test_pixels_at_the_horizon_are_no_points(virtual):
+    frame = VirtualKitti2(virtual.root, scenes=("Scene01",))[0]
+    depth_m = np.asarray(frame.camera.depth_m).copy()
+    depth_m[:100] = 1.02 * FAR_M
+    far = replace(frame, camera=replace(frame.camera, depth_m=depth_m, depth_valid=np.ones(depth_m.shape, bool)))
+    cloud = make_cloud(far, CloudRecipe(lines="none", max_high_m=1e6))
+    assert np.abs(cloud.xyz_m[cloud.valid]).max() <= FAR_M
+    assert 0 < cloud.valid.sum() < cloud.valid.size
+
+
 @pytest.mark.parametrize("lidar", ["kitti", "camera"])
 def test_clouds_of_a_trained_sensor_carry_its_intensity_in_all_placements(virtual, sensor, lidar):
     frame = VirtualKitti2(virtual.root, scenes=("Scene01",), lidar=lidar)[0]

@@ -104,8 +104,8 @@ def check_no_doubles(folder: Path, sides: _Sides) -> None:
 def check_sides(simulated: Path, measured: Path, *, rasters: tuple[Collection[str], Collection[str]]) -> None:
     """Raises ValueError where measured frames tell angles of incidence and simulated ones do not: a sensor knows none.
     `rasters` are the names of the further ones of the simulated and of the measured frames."""
-    known, by_sensor = ("incidence" in names for names in rasters)
-    if by_sensor and not known:
+    known, by_sensor = rasters
+    if "incidence" in by_sensor and "incidence" not in known:
         raise ValueError(
             f"discover: frames of {measured} tell the incidence of every ray, which no sensor knows, and those of "
             f"{simulated} do not; exchange --measured and --simulated, or take `incidence` out of the measured frames"

@@ -43,6 +43,11 @@ class GateRules:
     """
     watch_sectors: int = 12
     """Parts of the columns that are watched, 30 degrees each of a whole turn (a convention)."""
+    watch_road_rad: float = 0.15
+    """Angle below the horizon from which on rows see the road: of a sensor on a roof within 12 m (a convention)."""
+    watch_road_quantile: float = 0.9
+    """Quantile of such a row's ranges that is the road's: walls and cars are nearer than the road beneath them (a
+    judgement, not calibrated)."""
     watch_least: float = 1e-3
     """Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm; and the least scatter and
     the least change of returns that has none, for means of equal shares differ by rounding (a judgement, not
