@@ -7,6 +7,7 @@ LiDAR detections have beam and intensity (extra osi). Recordings of Rerun's view
 
 from __future__ import annotations
 
+import logging
 import struct
 from collections.abc import Iterable
 from pathlib import Path
@@ -21,6 +22,8 @@ from jaxsim.files import check_apart, file_of, need, replacing
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.progress import Progress
+
+_log = logging.getLogger(__name__)
 
 _KIND = "sensor_msgs/msg/PointCloud2"
 _TYPES = {"f4": 7, "u2": 4}
@@ -173,6 +176,11 @@ def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int
         )
     bar = Progress(names, unit="cloud", desc="writing")
     if to in WHOLE_FILE:
+        if timeless := sum("time" not in frames.about.get(name, {}) for name in names):
+            _log.warning(
+                f"frames: {timeless} of {len(names)} frames have no time in grid.json; {out} has them a tenth of a "
+                "second apart, and who reads it takes that for true"
+            )
         WHOLE_FILE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
         return len(names)
     if to == "npz":

@@ -78,3 +78,10 @@ def test_a_frame_becomes_a_file_with_a_point_a_return(tmp_path):
 def test_a_folder_without_frames_is_told(tmp_path):
     with pytest.raises(ValueError, match=r"no grid\.json"):
         export_frames(tmp_path, tmp_path / "out", "ply")
+
+
+def test_frames_without_a_time_are_told_where_a_form_must_have_one(tmp_path, caplog):
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    folder, _ = sides(tmp_path, scenes=3)
+    export_frames(folder, tmp_path / "a.mcap", "mcap")
+    assert "3 of 3 frames have no time in grid.json" in caplog.text

@@ -6,6 +6,7 @@ Every reader stops with a ValueError that names the file, what is wrong with it 
 from __future__ import annotations
 
 import re
+import warnings
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -99,7 +100,9 @@ def read_motion(path: Path) -> tuple[float, float]:
     """
     values = numbers(_text(path).split(), where=f"kitti: {path}: an oxts file holds 30 numbers")
     if len(values) != 30 or not np.isfinite(values).all():
-        raise ValueError(f"kitti: {path} has {len(values)} values; an oxts file holds 30 finite numbers; copy it again")
+        lost = len(values) - int(np.isfinite(values).sum())
+        which = f", of which {lost} are not finite" if lost else ""
+        raise ValueError(f"kitti: {path} has {len(values)} values{which}; an oxts file holds 30 finite numbers")
     check_motion_of(values[8], values[5], f"kitti: {path}")
     return values[8], values[5]
 
@@ -209,7 +212,14 @@ def scan_time(path: Path, number: int) -> float | None:
     lines = _lines(path)
     if number >= len(lines):
         raise ValueError(f"kitti: {path} has {len(lines)} lines, none for frame {number}; copy it again")
-    line, where = lines[number].strip(), f"kitti: {path}, line {number + 1}"
+    time_s = _time_of(path, number)
+    if number and time_s < _time_of(path, number - 1):
+        warnings.warn(f"kitti: {path}: line {number + 1} lies before the line above it: a clock was set", stacklevel=2)
+    return time_s
+
+
+def _time_of(path: Path, number: int) -> float:
+    line, where = _lines(path)[number].strip(), f"kitti: {path}, line {number + 1}"
     if path.name == "times.txt":
         return parse_number(line, float, where=where)
     try:  # nine decimals in the file, six are what a datetime holds

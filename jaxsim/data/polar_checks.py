@@ -149,7 +149,10 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
                 "the same"
             )
     if not np.isfinite(range_m).all() or (range_m < 0).any():
-        raise ValueError(f"polar frames: {path}: range must be finite metres, 0 where nothing returned")
+        raise ValueError(
+            f"polar frames: {path}: range spans {span_in_words(range_m)}; range must be finite metres, 0 where nothing "
+            "returned"
+        )
     if range_m.max(initial=0) > FAR_M:
         raise ValueError(
             f"polar frames: {path}: range reaches {range_m.max():g}; it must be in metres, and no LiDAR sees beyond "

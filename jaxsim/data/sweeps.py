@@ -71,14 +71,16 @@ def read_lidar_top(path: Path | str, *, columns: int = _NUSCENES_COLUMNS) -> Swe
     )
     grid = full_grid(spec, columns)
     image, _ = points_to_polar(cloud, grid)
+    image = jax.tree.map(np.asarray, image)
     name = path.name.removesuffix(".pcd.bin")
     scene, _, stamp = name.partition("__LIDAR_TOP__")
     return Sweep(
         name=name,
         scene=scene,
-        image=jax.tree.map(np.asarray, image),
+        image=image,
         grid=grid,
         time_s=int(stamp) / 1e6 if stamp.isdecimal() else None,
+        hidden=1 - float(image.valid.sum()) / max(int(cloud.valid.sum()), 1),
     )
 
 

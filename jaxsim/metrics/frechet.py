@@ -18,6 +18,9 @@ from jaxtyping import Float
 
 from jaxsim.files import placed, read_arrays, write_arrays
 
+FEWEST_FEATURES = 64
+"""That the published network gives: those of its first block."""
+
 
 @dataclass(frozen=True)
 class Moments:
@@ -142,10 +145,10 @@ class FrechetScore:
 def require_images(count: int, features: int, *, name: str) -> None:
     """Raises ValueError where a distance over so many images would be all bias: it needs more than features."""
     if count <= features:
+        fewer = ", or take fewer features (--fid-features 64: another score, under another name)"
         raise ValueError(
             f"{name}: {count} frames to judge, {features} features; a covariance needs more images than features: "
-            f"judge at least {features + 1} frames (--frames), or take fewer features (--fid-features 64: another "
-            "score, under another name)"
+            f"judge at least {features + 1} frames (--frames){fewer if features > FEWEST_FEATURES else ''}"
         )
 
 

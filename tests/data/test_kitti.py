@@ -112,6 +112,9 @@ def test_time_stamps_are_seconds_since_1970(raw_root):
     path.write_text("1970-01-01 00:00:02.250000001\n1970-01-02 00:00:00.000000000\n")
     frames = KittiRaw(raw_root)
     assert [frames[i].time_s for i in range(3)] == [2.25, 86400.0, None]
+    path.write_text("1970-01-02 00:00:00.000000000\n1970-01-01 00:00:02.250000001\n")
+    with pytest.warns(UserWarning, match="line 2 lies before the line above it: a clock was set"):
+        assert KittiRaw(raw_root)[1].time_s == 2.25
     path.write_text("1970-01-01 00:00:02.250000001\n")
     with pytest.raises(ValueError, match="has 1 lines, none for frame 1"):
         frames[1]

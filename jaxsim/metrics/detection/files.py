@@ -133,4 +133,9 @@ def _numbers(path: Path, line: int, row: list[str], *, what: str) -> list[float]
             f"detection: {path}, line {line}: column {bad + 2} is {row[bad + 1]}; leave out a box that is not finite, "
             f"or beyond {MOST:g} (a diverged network writes such)"
         )
+    left, top, right, bottom = values[3:7]
+    if left > right or top > bottom:
+        raise ValueError(
+            f"detection: {path}, line {line}: the image box is {' '.join(row[4:8])}; it must be left, top, right, bottom"
+        )
     return values

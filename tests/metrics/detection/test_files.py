@@ -30,6 +30,7 @@ def test_files_that_cannot_be_scored_are_named(tmp_path):
         (car(0, score="nan"), "line 2: column 16 is nan"),
         (car(0, x=math.nan, score=0.5), "line 2: column 12 is nan"),
         (car(0, x=math.inf, score=0.5), "line 2: column 12 is inf"),
+        (car(0, height=-60.0, score=0.5), "line 2: the image box is .* must be left, top, right, bottom"),
         (car(0, score="high"), "line 2: columns 2 to 16 are numbers: 'high' is no number"),
     ):
         (found / "000000.txt").write_text(f"{car(1, score=0.4)}\n{line}\n")
