@@ -135,7 +135,6 @@ def _numbers(path: Path, line: int, row: list[str], *, what: str) -> list[float]
         )
     left, top, right, bottom = values[3:7]
     if left > right or top > bottom:
-        raise ValueError(
-            f"detection: {path}, line {line}: the image box is {' '.join(row[4:8])}; it must be left, top, right, bottom"
-        )
+        box = " ".join(row[4:8])
+        raise ValueError(f"detection: {path}, line {line}: the image box is {box}; it must be left, top, right, bottom")
     return values
