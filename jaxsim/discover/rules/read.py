@@ -107,3 +107,8 @@ class ReadRules:
     """Surfaces of a scene from which on their intensities can be ranked (a judgement, not calibrated)."""
     related_rays: int = 3
     """Rays from which a surface's mean is taken (a judgement, not calibrated)."""
+    one_material_bins: int = 24
+    """Quantiles of the range, and of the angle within each, that rays are binned by (a convention)."""
+    one_material_share: float = 0.02
+    """Share of the simulated intensities' variance that bins may leave where these follow from range and angle alone:
+    that of a smooth law within them is a five hundredth or so (tests/discover/find/test_correlation.py)."""

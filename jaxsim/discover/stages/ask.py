@@ -8,7 +8,7 @@ from functools import cache, partial
 from pathlib import Path
 
 from jaxsim.discover.add import may_never_act
-from jaxsim.discover.find.correlation import correlations, of_ranges, unrelated
+from jaxsim.discover.find.correlation import correlations, of_one_material, of_ranges, unrelated
 from jaxsim.discover.find.levels import range_noise_grows
 from jaxsim.discover.law.learn import leaves_nothing
 from jaxsim.discover.mounting.constant import brought_back, place_mounting
@@ -56,7 +56,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     """Which effects of the catalogue are missing; then free curves for what is not in it. The bar is set on so many
     `nulls` drawn from these data, where any are asked for."""
     null = placed.found.null_model.problem
-    note = unrelated(correlations(null.ev))
+    note = unrelated(correlations(null.ev), one_material=bool(of_one_material(null.ev)))
     candidates = [effect for effect in placed.catalogue if not note or of_ranges(effect)]
     catalogue = with_look_alikes(candidates, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")

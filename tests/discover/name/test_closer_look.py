@@ -83,7 +83,8 @@ def asked_closer(monkeypatch, found, *, hopes: bool):
 
     for name, stub in {
         "correlations": lambda ev: None,
-        "unrelated": lambda told: None,
+        "of_one_material": lambda ev: [],
+        "unrelated": lambda told, one_material: None,
         "with_look_alikes": lambda effects, rays, scan: list(effects),
         "contrast_off": lambda null, choice: None,
         "answer_of": answer_of,
