@@ -18,8 +18,10 @@ from jaxtyping import Bool, Float
 from jaxsim.data.polar_frames import PolarFrames
 from jaxsim.discover.read.registration import Registration
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import MEDIAN_TO_SD
 from jaxsim.frame import PolarImage
 from jaxsim.geometry import grid_difference
+from jaxsim.progress import counted
 
 _Sides = tuple[Mapping[str, bytes], Mapping[str, bytes]]
 """`readings_of` simulated and measured frames, by name."""
@@ -159,6 +161,39 @@ def levels_of(image: PolarImage) -> tuple[float, float]:
 
 def _range(levels: _Levels) -> tuple[float, float]:
     return min(low for low, _ in levels), max(high for _, high in levels)
+
+
+def uneven(names: Sequence[str], simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
+    """Gives notes on frames whose brightness beside the simulated ones is not that of the others: single ones by name,
+    as one of another scale, or all, where gains differ from frame to frame."""
+    level = np.array([_brighter(*pair) for pair in zip(simulated, measured, strict=True)])
+    off = level - np.nanmedian(level) if np.isfinite(level).any() else level
+    scatter = MEDIAN_TO_SD * np.nanmedian(np.abs(off)) if np.isfinite(off).any() else 0.0
+    alone = np.abs(off) > max(RULES.alone_nats, RULES.alone_sds * scatter)
+    notes = []
+    if alone.any():
+        which = ", ".join(f"{names[k]} {np.exp(off[k]):.2g}" for k in np.flatnonzero(alone)[:3])
+        which = f"{which}{' ...' if alone.sum() > 3 else ''} times as bright"
+        notes.append(
+            f"{counted(int(alone.sum()), 'measured frame')} of another brightness than the others, beside the "
+            f"simulated ones ({which}): another scale or exposure? Compared as they are"
+        )
+    others = off[~alone & np.isfinite(off)]
+    if len(others) and np.std(others) > RULES.uneven_nats:
+        notes.append(
+            f"measured frames are {np.exp(others.min()):.2g} to {np.exp(others.max()):.2g} times as bright, beside the "
+            f"simulated ones, as the median of them (standard deviation of ln {np.std(others):.2f}): a gain or an "
+            "exposure that differs from frame to frame, which is fitted and of which nothing is said; frames of one "
+            "setting by themselves tell more"
+        )
+    return notes
+
+
+def _brighter(simulated: PolarImage, measured: PolarImage) -> float:
+    """Gives the median of ln measured / simulated intensity, of rays that both read; NaN where these are few."""
+    ours, theirs = np.asarray(simulated.intensity), np.asarray(measured.intensity)
+    both = np.asarray(simulated.valid) & np.asarray(measured.valid) & (ours > 0) & (theirs > 0)
+    return float(np.median(np.log(theirs[both] / ours[both]))) if both.mean() > RULES.fewest_returns else np.nan
 
 
 def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[str]:

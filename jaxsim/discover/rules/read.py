@@ -103,6 +103,14 @@ class ReadRules:
     farthest_mounted_m: float = 0.6
     """... as they are if all are farther along than this (set on the catalogue, by which a mounting is off by 0.5 m at
     most)."""
+    uneven_nats: float = 0.3
+    """Scatter of the frames' brightness beside the simulated ones, ln, from which on a note tells of it (set on frames
+    of eight makers' simulators and KITTI's beside Lambert's law, 0.00 to 0.18)."""
+    alone_nats: float = 1.5
+    """By so much one frame's brightness is off the others' before it is told by name, where it is also off by
+    `alone_sds` of their scatter (a judgement, not calibrated)."""
+    alone_sds: float = 6.0
+    """... (a judgement, not calibrated)."""
     related_surfaces: int = 8
     """Surfaces of a scene from which on their intensities can be ranked (a judgement, not calibrated)."""
     related_rays: int = 3
