@@ -49,7 +49,10 @@ def table_of(cloud: Cloud, time_s: Float[np.ndarray, " n"] | None = None) -> np.
     for k, name in enumerate(("x", "y", "z", "intensity")):
         table[name] = points[:, k]
     if cloud.row is not None:
-        table["ring"] = np.asarray(cloud.row)[valid]
+        row = np.asarray(cloud.row)[valid]
+        if len(row) and not (row.min() >= 0 and row.max() < 2**16):
+            raise ValueError(f"cloud: rows span {row.min()}..{row.max()}; a file's ring is 0 to 65535: leave rows out")
+        table["ring"] = row
     if time_s is not None:
         table["time"] = np.asarray(time_s)[valid]
     return table

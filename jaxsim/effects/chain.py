@@ -21,7 +21,7 @@ from jaxsim.effects.effect import Effect, Law, check_bounds, check_names, wrong_
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import check_origin, origin_of
 from jaxsim.effects.places import all_rays
-from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan
+from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Array, Rays, Scan
 from jaxsim.effects.recast import recast
 from jaxsim.effects.region import Region, kept
 from jaxsim.files import check_keys, placed, read_json, real, repeated, write_text
@@ -36,6 +36,8 @@ LEVELS = {
     "range_step": 10.0,
 }
 """Levels of a sensor, and the most that each may be: m, share, 0..1, probability, 0..1, m."""
+NOTHING = 1.01 * FLOOR
+"""Intensity up to which a reading is 0: its logarithm cannot tell it from one."""
 Value = float | tuple[float, ...]
 """Value of a parameter: a number, or one a beam or class."""
 
@@ -110,9 +112,11 @@ def sample(
     # The last key's other half, so that models without levels draw what they always drew.
     constant_noise = constant * jax.random.normal(jax.random.fold_in(keys[7], 1), shape)
     received = jnp.minimum(jnp.exp(log_intensity) + constant_noise, rays.intensity_top)
+    # Darker than the floor of logarithms is what was read as nothing.
+    received = jnp.where(received > NOTHING, received, jnp.zeros_like(received))
     intensity = _rounded(received, rays.intensity_step)
-    # After rounding: a multiple of the step may lie beyond the scale.
-    intensity = jnp.clip(intensity, 0.0, 1.0)
+    # After rounding: a multiple of the step may lie beyond the ceiling and the scale.
+    intensity = jnp.clip(intensity, 0.0, jnp.minimum(rays.intensity_top, 1.0))
 
     groups = -(-shape[-1] // columns)
     luck = jax.random.uniform(keys[8], (*shape[:-2], 1, groups))

@@ -15,8 +15,11 @@ made by `python -m jaxsim.effects.page > docs/effects.md` from the code; `jaxsim
 
 r range (m), θ incidence angle, I reported intensity (0..1), P received power (ln P = ln I − 2 ln(r / 10 m) before
 any effect), az azimuth, u place within the scan (0 first fired, 1 last), keep the probability that the surface's
-echo is reported. Effects act in the order of this page. An effect is one file of `jaxsim/effects/catalogue/`: its
-parameters, one differentiable function on `Rays`, its text on this page. CONTRIBUTING.md shows how to add one.
+echo is reported. Within an effect cosines are at least 0.02, tangents at most 50, noise of ranges at most 50 times
+its standard deviation, and an intensity below 0.0001 counts as that and is reported as 0. A ray has one law of
+false returns before its surface, that of the likeliest effect. Effects act in the order of this page. An effect is
+one file of `jaxsim/effects/catalogue/`: its parameters, one differentiable function on `Rays`, its text on this
+page. CONTRIBUTING.md shows how to add one.
 
 A sensor model is a `sensor.json`:
 

@@ -193,6 +193,8 @@ def nms_bev(
     are computed. An index that is not valid is 0. A box that is not finite, or whose score is NaN, takes no part.
     """
     *batch, count, _ = boxes.shape
+    if not boxes.size:
+        return jnp.zeros((*batch, keep), jnp.int32), jnp.zeros((*batch, keep), bool)
     usable = jnp.isfinite(boxes).all(axis=-1) & ~jnp.isnan(score)
     usable = usable if valid is None else usable & valid
     if batch:

@@ -116,8 +116,8 @@ def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Arra
     """Puts each point into its cell, the nearest wins; also the winner's index in the cloud, 0 where not valid.
 
     `cloud.row` counts from the grid's first row: shift it for a window. The column follows from the azimuth,
-    the range from the beam's own origin. Points that are not valid or not finite, or lie outside the grid,
-    are left out. Raises ValueError for a cloud without rows.
+    the range from the beam's own origin. Points that are not valid or not finite, lie outside the grid or at the
+    cloud's origin, where files have what did not return, are left out. Raises ValueError for a cloud without rows.
     """
     if cloud.row is None:
         raise ValueError(
@@ -130,7 +130,7 @@ def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Arra
     y = cloud.xyz_m[..., 1]
     z = cloud.xyz_m[..., 2] - grid.origin_m[jnp.clip(row, 0, rows - 1)]
     square = x * x + y * y + z * z
-    inside = cloud.valid & jnp.isfinite(square)
+    inside = cloud.valid & jnp.isfinite(square) & (square > 0) & jnp.any(cloud.xyz_m != 0, axis=-1)
     # Padding lies at the origin, where the root has no derivative.
     range_m = jnp.sqrt(jnp.where(square > 0, square, jnp.ones_like(square)))
     range_m = jnp.where(square > 0, range_m, jnp.zeros_like(square))

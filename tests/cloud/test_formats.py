@@ -114,3 +114,9 @@ def test_points_that_are_not_valid_may_be_anything(tmp_path):
     xyz = np.where(one.valid[:, None], one.xyz_m, np.nan)
     path = save_cloud(tmp_path / "a.npz", replace(one, xyz_m=xyz))
     np.testing.assert_array_equal(read_cloud(path), want(one))
+
+
+def test_a_row_that_is_none_is_no_ring(tmp_path):
+    wrong = replace(cloud(), row=np.full(cloud().valid.shape, -1, np.int32))
+    with pytest.raises(ValueError, match=r"rows span -1\.\.-1; a file's ring is 0 to 65535"):
+        save_cloud(tmp_path / "a.ply", wrong)

@@ -70,6 +70,17 @@ def test_sign_flips_give_the_exact_probability_of_agreeing_scenes():
     assert p_value(np.zeros(10)) == 1
 
 
+@pytest.mark.parametrize("size", [1e-13, 1.0, 1e4, 1e9])
+def test_what_was_measured_reaches_itself_however_large_it_is(size):
+    """Rounding, which grows with the gains, made it nothing, and small gains all alike."""
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        assert p_value(size * rng.normal(2105, 100, 10)) == 2**-10
+    few = np.zeros(12)
+    few[[0, 5, 8, 9]] = [13611.1, 3516.2, 17382.7, 13366.4]
+    assert p_value(size * few) == 2**-4
+
+
 def test_of_few_scenes_the_level_is_what_their_perfect_agreement_reaches():
     assert p_value(np.ones(3)) > RULES.repeats_judge_level
     assert p_value(np.ones(3)) <= attainable(RULES.repeats_judge_level, 3) < p_value(np.array([1, 1, 1e-3, -1e-3]))

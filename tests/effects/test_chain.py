@@ -220,3 +220,19 @@ def test_a_frame_depends_on_its_key_and_place_alone():
     assert (first.valid[0] != first.valid[1]).any()
     both = first.valid[0] & first.valid[2]
     np.testing.assert_allclose(first.intensity[2][both] / first.intensity[0][both], np.exp(-1), rtol=1e-4)
+
+
+def test_a_reading_of_nothing_stays_one(many):
+    scan, _ = many
+    dark = dataclasses.replace(scan, intensity=jnp.zeros_like(scan.intensity))
+    for effects in ((), (("beam_gain", {"gain": -0.5}),)):
+        image = SensorModel(effects).simulate(dark, KEY)
+        assert np.asarray(image.valid).any()
+        assert not np.asarray(image.intensity).any()
+
+
+def test_rounding_does_not_lift_a_reading_above_the_ceiling(many):
+    scan, _ = many
+    bright = dataclasses.replace(scan, intensity=jnp.where(scan.range_m > 0, jnp.float32(0.8), 0.0))
+    model = SensorModel((("saturation", {"ceiling": 0.5}), ("intensity_quantization", {"step": 0.09})))
+    assert np.asarray(model.simulate(bright, KEY).intensity).max() <= 0.5

@@ -265,3 +265,10 @@ def test_the_kernels_run_inside_jit_with_batches_of_their_own():
     boxes = jnp.asarray(some_boxes(np.random.default_rng(7), 12).reshape(3, 4, 7))
     together = jax.jit(jax.vmap(iou_3d))(boxes, boxes)
     assert np.asarray(together) == pytest.approx(np.asarray(iou_3d(boxes, boxes)), abs=1e-6)
+
+
+@pytest.mark.parametrize("batch", [(), (3,)])
+def test_of_no_boxes_none_is_kept(batch):
+    index, kept = nms_bev(jnp.zeros((*batch, 0, 7)), jnp.zeros((*batch, 0)), 0.5, keep=4)
+    assert index.shape == kept.shape == (*batch, 4)
+    assert not kept.any()

@@ -61,7 +61,7 @@ def polar_oracle(cloud, grid):
     nearest, winner = np.full(shape, np.inf), np.zeros(shape, int)
     clear = np.ones(len(cloud.xyz_m), bool)
     for i, (point, row) in enumerate(zip(np.asarray(cloud.xyz_m, np.float64), cloud.row, strict=True)):
-        if not (cloud.valid[i] and np.isfinite(point).all() and 0 <= row < shape[0]):
+        if not (cloud.valid[i] and np.isfinite(point).all() and point.any() and 0 <= row < shape[0]):
             continue
         turns = (azimuth[0] + step / 2 - np.arctan2(point[1], point[0])) % (2 * np.pi) / step
         column = int(turns)

@@ -40,8 +40,8 @@ EFFECT = Effect(
     name="edge_dropout",
     stage="detection",
     title="returns are lost at depth steps",
-    formula="keep *= 1 − probability where a neighbour is > 0.3 m and > share · r away, or hits nothing; between rows "
-    "keep *= 1 − across_rows · probability",
+    formula="keep *= 1 − probability where a neighbour is > 0.3 m and > share · r away (a border that is soft by a "
+    "fifth), or hits nothing; between rows keep *= 1 − across_rows · probability",
     parameters={
         "probability": Parameter(0.0, 0.0, 0.95, "", "share of echoes lost at edges", scale=0.2),
         "share": Parameter(STEP_SHARE, 0.01, 0.8, "", "least step that is an edge, over the range", scale=0.1),

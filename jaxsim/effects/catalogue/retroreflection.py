@@ -26,7 +26,8 @@ EFFECT = Effect(
     name="retroreflection",
     stage="surface",
     title="signs and lights return light to its source",
-    formula="signs, lights: I, P = (at normal incidence) · exp(gain · exp(−(θ/tolerance)²))",
+    formula="signs, lights: I, P *= exp(gain · exp(−(θ/tolerance)²)) / (cos θ)^(1 − exp(−4 gain)): nearly the light of "
+    "normal incidence",
     parameters={
         "gain": Parameter(0.0, 0.0, 6.0, "nats", "log brightness over a diffuse surface", scale=1.5),
         "tolerance_rad": Parameter(0.7, 0.3, 1.4, "rad", "angle at which the gain has fallen to 1/e", scale=0.3),
