@@ -121,16 +121,18 @@ def _check_parameter(name: str, p: Parameter) -> None:
 
 
 def check_apply(effect: Effect) -> None:
-    """Raises ValueError for an `apply` that does something at neutral, changes shapes, gives NaN or slopes that are not
-    finite, or changes what the effect does not declare."""
+    """Raises ValueError for an `apply` that does something at neutral, changes shapes, gives NaN, slopes that are not
+    finite or none at all, gives other rays each time, or changes what the effect does not declare."""
     scan, before = _street()
     rows = scan.range_m.shape[1]
     touched: set[str] = set()
+    climbed: set[str] = set()
     for setting, given in trial_values(effect):
         values = effect.values(given, rows)
         after = _applied(effect, values, before, setting=setting)
         _check_fields(effect, before, after, setting=setting)
-        _check_slopes(effect, values, before, scan=scan, setting=setting)
+        _check_same(after, _applied(effect, values, before, setting=setting), setting=setting)
+        climbed |= _slopes(effect, values, before, scan=scan, setting=setting)
         if not given:
             _check_neutral(before, after)
             continue
@@ -145,6 +147,12 @@ def check_apply(effect: Effect) -> None:
     idle = [] if effect.casts else sorted(set(effect.channels) - touched)
     if idle:
         raise ValueError(f"channels name {', '.join(idle)}, which apply never changes; leave it out")
+    level = [name for name, p in effect.parameters.items() if p.to_fit and name not in climbed]
+    if level:
+        raise ValueError(
+            f"apply's derivative in {level[0]} is 0 at all that was tried, so no fit moves it; rounding and comparing "
+            "have none: make the border soft, or say to_fit=False"
+        )
 
 
 @cache
@@ -240,7 +248,18 @@ def _check_neutral(before: Rays, after: Rays) -> None:
             )
 
 
-def _check_slopes(effect: Effect, values: dict[str, Any], before: Rays, *, scan: Scan, setting: str) -> None:
+def _check_same(first: Rays, second: Rays, *, setting: str) -> None:
+    for name, value in _fields(first).items():
+        if not np.array_equal(value, np.asarray(getattr(second, name))):
+            raise ValueError(
+                f"apply gives another {name} the second time at {setting}; draw nothing in it: give probabilities and "
+                "noise, which the simulation draws"
+            )
+
+
+def _slopes(effect: Effect, values: dict[str, Any], before: Rays, *, scan: Scan, setting: str) -> set[str]:
+    """The parameters that move any ray. Raises ValueError for derivatives that are not there, or not finite."""
+
     def total(p: dict[str, Any]) -> Any:
         floats = (x for x in jax.tree.leaves(apply_law(effect, p, before, scan=scan)) if x.dtype == jnp.float32)
         return sum((jnp.where(jnp.abs(x) < 1e9, x, 0.0).sum() for x in floats), jnp.float32(0))
@@ -258,6 +277,7 @@ def _check_slopes(effect: Effect, values: dict[str, Any], before: Rays, *, scan:
                 f"apply's derivative in {name} is not finite at {setting}; keep logarithms, roots and quotients away "
                 "from 0 on every ray, also where jnp.where does not choose them"
             )
+    return {name for name, slope in slopes.items() if jnp.any(slope != 0)}
 
 
 def _touched(effect: Effect, before: Rays, after: Rays, *, scan: Scan, values: Mapping[str, Any]) -> set[str]:

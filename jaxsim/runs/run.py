@@ -89,6 +89,8 @@ def _claim(folder: Path, experiment: AnyExperiment, *, text: bytes | None = None
         kind.plain(experiment),
         by="run",
         text=text,
+        # A run that has saved something began with settings, wherever their file has gone.
+        filled=(folder / "config.json").is_file() or any((folder / "checkpoints").glob("*")),
         read=lambda _: kind.plain(load_run(folder, kind.run).experiment),
         free=[*settings_of(kind.experiment, *RESUMED)],
         instead="another --run.name",

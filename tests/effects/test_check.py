@@ -76,6 +76,11 @@ def test_types_that_nothing_checks_outside_of_tests_are_told_too(tmp_path, of, f
             "early false returns are a part of the likelihood that fog",
         ),
         ("rays.replace(intensity_step=rays.intensity_step + p['share'])", "steps are read off the readings"),
+        ("brighten(rays, jnp.round(4 * p['share']) * rays.range_m)", "derivative in share is 0 at all that was tried"),
+        (
+            "brighten(rays, p['share'] * __import__('numpy').random.rand())",
+            "gives another log_intensity the second time at share",
+        ),
         ("rays.replace(log_keep=rays.log_keep + p['share'])", "makes log_keep more than 0"),
         ("rays.replace(ghost=rays.ghost + 2 * p['share'])", r"makes ghost 2\.\.2 at share = 1; it is a probability"),
     ],

@@ -38,6 +38,15 @@ def test_more_steps_resume_a_run_but_another_rate_does_not(tmp_path):
         start_run(tmp_path, run(steps=99999, lr=0.1))
 
 
+def test_a_run_that_lost_its_settings_is_not_gone_on_with(tmp_path):
+    start_run(tmp_path, run())
+    (tmp_path / "checkpoints/40").mkdir(parents=True)
+    (tmp_path / "config.json").unlink()
+    with pytest.raises(ValueError, match=r"is not empty, and no config\.json says .*give another --run\.name"):
+        start_run(tmp_path, run(lr=0.1))
+    assert not (tmp_path / "config.json").exists()
+
+
 def test_how_what_was_learned_is_told_may_change(tmp_path):
     start_run(tmp_path, run())
     generator = dataclasses.replace(Experiment().generator, widen=1.3, looks=1)

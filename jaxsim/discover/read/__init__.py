@@ -140,6 +140,7 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
         *checks.unpartnered(simulated.names, measured.names),
         *checks.constant_intensity(*([*map(checks.levels_of, side)] for side in (simulated_images, measured_images))),
         *checks.uneven(names, simulated_images, measured_images),
+        *checks.very_fast(np.asarray(scan.speed_mps)),
     ]
     if rest.names:
         notes.append(

@@ -196,6 +196,17 @@ def _brighter(simulated: PolarImage, measured: PolarImage) -> float:
     return float(np.median(np.log(theirs[both] / ours[both]))) if both.mean() > RULES.fewest_returns else np.nan
 
 
+def very_fast(speed_mps: Float[np.ndarray, " f"]) -> list[str]:
+    """Gives a note on speeds that no car in a street has, as those in kilometres an hour."""
+    fastest = float(np.max(np.abs(speed_mps[np.isfinite(speed_mps)]), initial=0.0))
+    if fastest <= RULES.fastest_mps:
+        return []
+    return [
+        f"speeds in grid.json reach {fastest:.0f} m/s ({3.6 * fastest:.0f} km/h): if these are km/h already, divide "
+        "them by 3.6, for what follows speed is told by them"
+    ]
+
+
 def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[str]:
     """Gives a note on frames of which grid.json names no scene: each counts as one, though they may be one drive's."""
     without = [fact for fact in facts if "scene" not in fact]

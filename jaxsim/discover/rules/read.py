@@ -103,6 +103,8 @@ class ReadRules:
     farthest_mounted_m: float = 0.6
     """... as they are if all are farther along than this (set on the catalogue, by which a mounting is off by 0.5 m at
     most)."""
+    fastest_mps: float = 50.0
+    """Speed from which on a note asks for its unit: 180 km/h (a convention)."""
     uneven_nats: float = 0.3
     """Scatter of the frames' brightness beside the simulated ones, ln, from which on a note tells of it (set on frames
     of eight makers' simulators and KITTI's beside Lambert's law, 0.00 to 0.18)."""

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.blind.hidden.case import make_case
 from jaxsim.data.polar_frames import frame_names, read_frame
-from jaxsim.discover.read.checks import agreement, check_partners, uneven
+from jaxsim.discover.read.checks import agreement, check_partners, uneven, very_fast
 from tests.discover.rooms import registered, rooms, seen
 
 SMALL = {"seed": 11, "scenes": 6, "rows": 16, "columns": 96}
@@ -156,3 +156,10 @@ def test_frames_without_returns_have_no_brightness(case):
     dark = [image.replace(valid=np.zeros_like(image.valid)) for image in theirs]
     assert uneven(names, ours, dark) == []
     assert uneven(names, ours, [dark[0], *theirs[1:]]) == []
+
+
+def test_speeds_in_kilometres_an_hour_are_asked_about():
+    assert very_fast(np.array([0.0, 13.9, np.nan])) == []
+    assert very_fast(np.zeros(0)) == []
+    (note,) = very_fast(np.array([50.0, -70.0]))
+    assert note.startswith("speeds in grid.json reach 70 m/s (252 km/h)")
