@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.blind.hidden.case import make_case
 from benchmarks.blind.hidden.placed import Placed
 from jaxsim.data.polar_frames import open_polar_frames
-from jaxsim.discover.read.motion import Registration, register
+from jaxsim.discover.read.registration import Registration
+from jaxsim.discover.read.search import register
 from jaxsim.effects.scan import scan_of
 
 FIRST_SEED = 400

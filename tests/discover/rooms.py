@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.read import Comparison
-from jaxsim.discover.read.motion import register
 from jaxsim.discover.read.registration import Registration
+from jaxsim.discover.read.search import register
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 

@@ -186,6 +186,14 @@ def test_a_measured_frame_that_is_a_copy_is_named(folders):
         read_comparison(*folders)
 
 
+def test_a_frame_that_is_a_copy_on_both_sides_counts_once(folders):
+    for folder in folders:
+        (folder / "f2.npz").write_bytes((folder / "f0.npz").read_bytes())
+    comparison = read_comparison(*folders)
+    assert comparison.names == ("f0", "f1")
+    assert "left out: f2 holds the readings of f0 on both sides: a copy" in comparison.notes
+
+
 def test_an_intensity_that_is_the_same_everywhere_is_refused_measured_and_told_simulated(folders):
     def level(folder):
         for name in ("f0", "f1", "f2"):

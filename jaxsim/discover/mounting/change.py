@@ -21,8 +21,8 @@ from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.mounting.constant import OF_POSE, brought, gains, of_frames, parameters
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL
-from jaxsim.discover.read.motion import register
 from jaxsim.discover.read.registration import MOTION_PARTS, POSE, Registration, least_motion
+from jaxsim.discover.read.search import register
 from jaxsim.discover.regimes.confine import frames_in
 from jaxsim.discover.regimes.questions import Facts, Question, questions
 from jaxsim.discover.regimes.sizes import OF_FIT

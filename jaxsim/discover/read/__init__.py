@@ -2,8 +2,10 @@
 
 checks           units, one grid, the same streets under the same names
 control          what an earlier answer says the simulator lacks by itself
-motion           where the sensor stood, by ranges alone
-registration     what that is of, and what it says
+registration     what a registration of two sides is of, and what it says
+motion           where the sensor stood, by ranges alone: least squares
+stretch          how far ranges are too long, beside that
+search           from where all that begins: `register`
 """
 
 from __future__ import annotations
@@ -22,8 +24,8 @@ from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.read import checks
 from jaxsim.discover.read.control import NO_CONTROL, Control
-from jaxsim.discover.read.motion import register
 from jaxsim.discover.read.registration import Registration, other_moments, speeds_read
+from jaxsim.discover.read.search import register
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
@@ -122,6 +124,9 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
     # Some may be alike, where nothing is in reach of the sensor.
     sides = _readings(names, simulated_images), _readings(names, measured_images)
     checks.check_no_copies(simulated, measured, sides=sides, allowed=len(names) - 1)
+    if doubles := checks.doubles(sides):
+        # One street counts once, under whatever name.
+        return _read_frames(simulated, measured, left_out={**left_out, **doubles})
     about = _about(names, simulated, measured)
     # Times count from the recording's first frame, whether it is read or not: so does what simulates with the answer.
     first_s = min(float(fact.get("time", 0.0)) for fact in _about(shared, simulated, measured))

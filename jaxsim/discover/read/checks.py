@@ -103,6 +103,18 @@ def check_no_doubles(folder: Path, sides: _Sides) -> None:
             )
 
 
+def doubles(sides: _Sides) -> dict[str, str]:
+    """Gives the frames that hold on both sides what another one does, and why they are none."""
+    simulated, measured = sides
+    first: dict[tuple[bytes, bytes], str] = {}
+    found: dict[str, str] = {}
+    for name in measured:
+        other = first.setdefault((simulated[name], measured[name]), name)
+        if other != name:
+            found[name] = f"{name} holds the readings of {other} on both sides: a copy"
+    return found
+
+
 def check_sides(simulated: Path, measured: Path, *, rasters: tuple[Collection[str], Collection[str]]) -> None:
     """Raises ValueError where measured frames tell angles of incidence and simulated ones do not: a sensor knows none.
     `rasters` are the names of the further ones of the simulated and of the measured frames."""

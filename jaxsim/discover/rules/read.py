@@ -79,6 +79,9 @@ class ReadRules:
     moved_m: float = 0.06
     """Motion of the sensor beyond its interval from which on the sides are registered first (set on development cases:
     a scale of the range looks like one by up to 0.034 m; nearer by, fits arrive of themselves) ..."""
+    stretched: float = 0.002
+    """Share by which all ranges are too long, beyond its interval, that a motion is not held to explain (a judgement,
+    not calibrated)."""
     turned_rad: float = 0.002
     """... rotation likewise (set on the same: no effect of ranges, and no other world, has any beyond its interval, and
     from a yaw of 0.0035 no fit arrives of itself) ..."""
