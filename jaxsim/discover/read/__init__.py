@@ -128,7 +128,8 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
         # One street counts once, under whatever name.
         return _read_frames(simulated, measured, left_out={**left_out, **doubles})
     about = _about(names, simulated, measured)
-    # Times count from the recording's first frame, whether it is read or not: so does what simulates with the answer.
+    # Times count from the first frame that is shared, whether it is read or not. What simulates with the answer counts
+    # from its data set's first: the same where the folders hold the recording from its start.
     first_s = min(float(fact.get("time", 0.0)) for fact in _about(shared, simulated, measured))
     rest = Rest(simulated, measured, tuple(name for name in shared if name not in read), first_s=first_s)
     scenes = [scene_of(name, simulated, measured) for name in names]
