@@ -3,6 +3,8 @@
 import json
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -41,10 +43,12 @@ ELSEWHERE = {
 MAKERS = {
     "ouster": {"intensity_quantization", "intensity_offset", "range_falloff"},
     "argoverse": {"intensity_quantization"},
+    "kitti": {"intensity_quantization", "beam_gain", "incidence_cosine", "atmospheric_extinction"},
 }
 """What the page says that Lambert's law lacks of each."""
 MINUTES = {
     **{f"jaxsim discover --measured {maker} --lambert --out {maker}_answer": maker for maker in MAKERS},
+    "jaxsim frames KITTI_RAW --out kitti": "kitti",
     "jaxsim convert generator embedded --to onnx --out generator.onnx": "onnxruntime",
     "jaxsim convert generator embedded --to stablehlo --out generator.stablehlo": "flatbuffers",
 }
@@ -84,6 +88,10 @@ def two_makers(samples: Path) -> None:
         Path("OS-2-128").with_suffix(suffix).symlink_to(source.with_suffix(suffix))
     log = next((samples / "argoverse2").iterdir())
     Path(log.name).symlink_to(log)
+
+
+def kitti(samples: Path) -> None:
+    subprocess.run([sys.executable, samples / "kitti_drives/unpack.py", "KITTI_RAW"], check=True)
 
 
 def drives(samples: Path) -> None:
@@ -201,7 +209,7 @@ def test_the_pages_command_runs(here, samples, title, command):
 @pytest.mark.slow
 @pytest.mark.parametrize("maker", MAKERS)
 def test_from_a_raw_log_to_a_verdict_by_two_commands(here, samples, standard_promotion, maker):
-    two_makers(samples)
+    (kitti if maker == "kitti" else two_makers)(samples)
     commands = [command for title, command in COMMANDS if title == "Two makers" and maker in command]
     assert [command.split()[1] for command in commands] == ["frames", "discover"]
     for command in commands:
