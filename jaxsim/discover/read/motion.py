@@ -108,17 +108,24 @@ def sandwich(
     """Gives half widths of the common motion's interval (White 1982): the filling is the scatter of the scenes' slopes,
     or the curvature's where that is wider. 0 for what is held."""
     matrix, right = _equations(sides, motion[None], COARSE[-1], free=free)
+    half = np.zeros(NUMBERS)
+    half[free.numbers] = half_widths(matrix.sum(0) + free.precision, right, scene)
+    return half
+
+
+def half_widths(
+    matrix: Float[np.ndarray, "k k"], right: Float[np.ndarray, "f k"], scene: Int[np.ndarray, " f"]
+) -> Float[np.ndarray, " k"]:
+    """Gives half widths of intervals of what is common, from the curvature and the frames' slopes at the maximum."""
     count = int(scene.max()) + 1
     slopes = np.zeros((count, right.shape[1]))
     np.add.at(slopes, scene, right)
-    inverse = np.linalg.inv(matrix.sum(0) + free.precision)
+    inverse = np.linalg.inv(matrix)
     # At the maximum they add up to what the prior pulls, which is no scatter.
     slopes = slopes - slopes.mean(0)
     scatter = inverse @ (slopes.T @ slopes * count / max(count - 1, 1)) @ inverse
     sd = np.sqrt(np.maximum(np.diag(scatter), NOISE_M**2 * np.diag(inverse)))
-    half = np.zeros(NUMBERS)
-    half[free.numbers] = RULES.interval_widening * float(student_reach(count)) * sd
-    return half
+    return RULES.interval_widening * float(student_reach(count)) * sd
 
 
 def frame_sd(sides: RegisteredSides, motion: Motion, *, free: Free) -> Motion:

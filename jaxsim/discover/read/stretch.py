@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxsim.discover.read.motion import COARSE, FINAL_STEPS, MOUNTED, NOISE_M, linear
+from jaxsim.discover.read.motion import COARSE, FINAL_STEPS, MOUNTED, NOISE_M, half_widths, linear
 from jaxsim.discover.read.registration import NUMBERS, Motion, RegisteredSides, turned
 from jaxsim.discover.rules import RULES
-from jaxsim.metrics.intervals import student_reach
 
 STRETCH_SD = 0.03
 """Of the prior: what is wrong by more is another unit."""
@@ -43,24 +42,18 @@ def stretch_of(sides: RegisteredSides, scene: Int[np.ndarray, " f"]) -> Stretch:
     """Fits the stretch of all frames' ranges together with one motion of the sensor, as `motion.climb` does the motion
     alone; `scene` numbers the scene of each frame, between which it scatters."""
     motion = np.zeros((1, NUMBERS))
-    numbers, share = MOUNTED.numbers, 0.0
+    numbers = MOUNTED.numbers
+    share = 0.0
     prior = np.diag([*np.diag(MOUNTED.precision), (NOISE_M / STRETCH_SD) ** 2])
     for width in [*COARSE, *[COARSE[-1]] * FINAL_STEPS]:
         matrix, right = _equations(sides, motion, share, width=width)
-        matrix, right = matrix.sum(0) + prior, right.sum(0) - prior @ np.append(motion[0, numbers], share)
-        step = np.linalg.solve(matrix, right)
+        pulled = right.sum(0) - prior @ np.append(motion[0, numbers], share)
+        step = np.linalg.solve(matrix.sum(0) + prior, pulled)
         # Turns are small enough here for their vectors to add up.
         motion[0, numbers] += step[:-1]
         share = float(share + step[-1])
     matrix, right = _equations(sides, motion, share, width=COARSE[-1])
-    count = int(scene.max()) + 1
-    slopes = np.zeros((count, right.shape[1]))
-    np.add.at(slopes, scene, right)
-    slopes = slopes - slopes.mean(0)
-    inverse = np.linalg.inv(matrix.sum(0) + prior)
-    scatter = inverse @ (slopes.T @ slopes * count / max(count - 1, 1)) @ inverse
-    sd = np.sqrt(max(scatter[-1, -1], NOISE_M**2 * inverse[-1, -1]))
-    return Stretch(share, float(RULES.interval_widening * student_reach(count) * sd))
+    return Stretch(share, float(half_widths(matrix.sum(0) + prior, right, scene)[-1]))
 
 
 def _equations(
