@@ -93,8 +93,8 @@ def _bytes(
 
 
 _SENSORS = (
-    # As KITTI drives it: intensity in hundredths. Its firings lie 0.1794 degrees apart, 2007 a turn; but for every
-    # seventh, which comes after half a step: scans of whole turns have 2156, and `jaxsim frames` counts them.
+    # As KITTI drives it: intensity in hundredths. Its firings lie 0.1794 degrees apart, 2007 a turn, but for every
+    # seventh, which comes after half a step: whole turns have a fourteenth more, and `jaxsim frames` counts them.
     LidarSpec(
         name="hdl64e",
         elevation_deg=tuple(float(e) for e in _HDL64E_DEG.split()),

@@ -150,13 +150,13 @@ def unpartnered(simulated: Sequence[str], measured: Sequence[str]) -> list[str]:
 
 def constant_intensity(simulated: _Levels, measured: _Levels) -> list[str]:
     """Gives a note where the simulated intensity is alike everywhere. Raises ValueError where the measured one is."""
-    least, most = _range(measured)
+    least, most = _extent(measured)
     if least == most:
         raise ValueError(
             f"discover: measured intensity is {least:g} everywhere; a sensor that reports none cannot be "
             "compared: give what it measures (reflectivity, signal or intensity of its driver)"
         )
-    least, most = _range(simulated)
+    least, most = _extent(simulated)
     if least == most:
         return [
             f"simulated intensity is {least:g} everywhere: what differs between surfaces counts as noise or as "
@@ -171,7 +171,7 @@ def levels_of(image: PolarImage) -> tuple[float, float]:
     return float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
 
 
-def _range(levels: _Levels) -> tuple[float, float]:
+def _extent(levels: _Levels) -> tuple[float, float]:
     return min(low for low, _ in levels), max(high for _, high in levels)
 
 

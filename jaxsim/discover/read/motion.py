@@ -146,6 +146,13 @@ def _equations(
     """Gives Gauss and Newton's equations of each frame at its motion: matrix and right side of the step in what is
     free."""
     slope, weight, off = linear(sides, motion, width, free=free)
+    return normal_equations(slope, weight, off)
+
+
+def normal_equations(
+    slope: Float[np.ndarray, "f n k"], weight: Float[np.ndarray, "f n"], off: Float[np.ndarray, "f n"]
+) -> tuple[Float[np.ndarray, "f k k"], Float[np.ndarray, "f k"]]:
+    """Gives matrix and right side of weighted least squares, of each frame."""
     weighted = slope * weight[..., None]
     return np.swapaxes(weighted, 1, 2) @ slope, np.einsum("fni,fn->fi", weighted, off)
 

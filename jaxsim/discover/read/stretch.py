@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxsim.discover.read.motion import COARSE, FINAL_STEPS, MOUNTED, NOISE_M, half_widths, linear
+from jaxsim.discover.read.motion import COARSE, FINAL_STEPS, MOUNTED, NOISE_M, half_widths, linear, normal_equations
 from jaxsim.discover.read.registration import NUMBERS, Motion, RegisteredSides, turned
 from jaxsim.discover.rules import RULES
 
@@ -65,5 +65,4 @@ def _equations(
     # The first three columns are the planes' normals, along which points move as their ranges shrink.
     nearer = -np.sum(slope[..., :3] * turned(right_length, motion)[0], -1)
     slope = np.concatenate([slope, nearer[..., None]], axis=-1)
-    weighted = slope * weight[..., None]
-    return np.swapaxes(weighted, 1, 2) @ slope, np.einsum("fni,fn->fi", weighted, off)
+    return normal_equations(slope, weight, off)

@@ -109,8 +109,8 @@ class ReadRules:
     fastest_mps: float = 50.0
     """Speed from which on a note asks for its unit: 180 km/h (a convention)."""
     uneven_nats: float = 0.3
-    """Scatter of the frames' brightness beside the simulated ones, ln, from which on a note tells of it (set on frames
-    of eight makers' simulators and KITTI's beside Lambert's law, 0.00 to 0.18)."""
+    """Scatter of the frames' brightness beside the simulated ones, ln, from which on a note tells of it (a
+    judgement, not calibrated: simulators that know no material have half as much)."""
     alone_nats: float = 1.5
     """By so much one frame's brightness is off the others' before it is told by name, where it is also off by
     `alone_sds` of their scatter (a judgement, not calibrated)."""

@@ -50,13 +50,16 @@ class Asked:
     """A note, where intensities of the two sides have nothing to do with each other; nothing is asked of them then."""
     without: tuple[str, ...]
     """Channels of which nothing is asked."""
+    one_material: tuple[str, ...]
+    """A note, where simulated intensities are those of one material."""
 
 
 def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
     """Which effects of the catalogue are missing; then free curves for what is not in it. The bar is set on so many
     `nulls` drawn from these data, where any are asked for."""
     null = placed.found.null_model.problem
-    note = unrelated(correlations(null.ev), one_material=bool(of_one_material(null.ev)))
+    one_material = tuple(of_one_material(null.ev))
+    note = unrelated(correlations(null.ev), one_material=bool(one_material))
     candidates = [effect for effect in placed.catalogue if not note or of_ranges(effect)]
     catalogue = with_look_alikes(candidates, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
@@ -81,7 +84,7 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
             if believed(again):
                 placed, answer = nearer, told_whole(again, answer)
                 others = beside_these
-    return Asked(placed, tuple(catalogue), answer, others, contrast, note, without)
+    return Asked(placed, tuple(catalogue), answer, others, contrast, note, without, one_material)
 
 
 def sides_of_control(control: Control, simulated: Path, measured: Path) -> OtherSides:

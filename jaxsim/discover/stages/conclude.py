@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.devices import side_by_side
-from jaxsim.discover.find.correlation import of_one_material
 from jaxsim.discover.find.levels import compare_levels, made_by, missing
 from jaxsim.discover.find.targets import compare_objects
 from jaxsim.discover.law.search import closed_law
@@ -117,7 +116,7 @@ def verdict_of(
             *notes(placed.comparison, placed.division, answer, held=given.names),
             *coarse_shapes(residuals(choice.problem, choice.problem.ev.all_blocks)["range"], shown.levels),
             *([rest_in_words(every)] if every else []),
-            *([asked.unrelated] if asked.unrelated else of_one_material(placed.found.null_model.problem.ev)),
+            *([asked.unrelated] if asked.unrelated else asked.one_material),
         ),
         seconds=seconds,
     )
