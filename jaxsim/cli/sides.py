@@ -10,7 +10,6 @@ from typing import Annotated
 import tyro
 
 from jaxsim.cli.flags import SAME, DataSource, IntoFolder
-from jaxsim.files import check_apart
 
 _log = logging.getLogger(__name__).info
 
@@ -59,7 +58,6 @@ class Sides(IntoFolder):
         given = [field.name for field in fields(DataSource) if getattr(self.data, field.name) != field.default]
         for flag in [*(f"data.{name}" for name in given), *["frames"] * bool(self.frames)]:
             raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
-        check_apart(self.out, self.measured, self.simulated, by="discover")
         sensed = _folder("--measured", self.measured)
         if not self.lambert:
             return _folder("--simulated", self.simulated), sensed
