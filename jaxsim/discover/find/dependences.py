@@ -188,7 +188,8 @@ def interactions(
     *,
     level: float = RULES.dependence_level,
 ) -> list[Dependence]:
-    """Each channel's strongest interaction, as a Dependence on `A x B`, where its p-value is at most `level`.
+    """Each channel's strongest interaction, as a Dependence on `A x B`, where its p-value, times the channels, is at
+    most `level`.
 
     Arguments as `localise`. Fewer than `Rules.fewest_interaction_scenes` decide nothing.
     """
@@ -217,6 +218,8 @@ def interactions(
             model = Additive(rest, {"product": products(curves[a], curves[b])}, index, scenes=scenes)
             gains.append(model.by_scene(np.zeros(len(rest)), model.predicted(["product"]))[0])
         best, p = best_of_gains(np.stack(gains))
+        # As in `localise`: the best of the channels' is listed.
+        p = min(1.0, len(residuals) * p)
         if p <= level:
             share = float(2 * gains[best].sum() / (rest.astype(np.float64) ** 2).sum())
             # Of all residuals, where only some were tried.

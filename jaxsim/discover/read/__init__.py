@@ -1,6 +1,7 @@
 """Two folders of polar frames as one comparison.
 
 checks           units, one grid, the same streets under the same names
+notes            what is told of two folders that pass
 control          what an earlier answer says the simulator lacks by itself
 registration     what a registration of two sides is of, and what it says
 motion           where the sensor stood, by ranges alone: least squares
@@ -24,6 +25,7 @@ from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.read import checks
 from jaxsim.discover.read.control import NO_CONTROL, Control
+from jaxsim.discover.read.notes import same_numbers, sceneless, uneven, unpartnered, very_fast
 from jaxsim.discover.read.registration import Registration, other_moments, speeds_read
 from jaxsim.discover.read.search import register
 from jaxsim.effects.rays import Scan
@@ -143,10 +145,11 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
     checks.all_or_none(simulated.folder, names, rasters)
     notes = [*(f"left out: {why}" for _, why in sorted(left_out.items()))]
     notes += [
-        *checks.unpartnered(simulated.names, measured.names),
+        *unpartnered(simulated.names, measured.names),
         *checks.constant_intensity(*([*map(checks.levels_of, side)] for side in (simulated_images, measured_images))),
-        *checks.uneven(names, simulated_images, measured_images),
-        *checks.very_fast(np.asarray(scan.speed_mps)),
+        *uneven(names, simulated_images, measured_images),
+        *same_numbers(simulated_images, measured_images),
+        *very_fast(np.asarray(scan.speed_mps)),
     ]
     if rest.names:
         notes.append(
@@ -172,7 +175,7 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
         measured=measured_rays,
         names=tuple(names),
         scenes=tuple(scenes),
-        notes=(*notes, *checks.sceneless(names, about)),
+        notes=(*notes, *sceneless(names, about)),
         registration=registration,
         speeds=speeds,
         rest=rest if rest.names else None,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -18,10 +18,8 @@ from jaxtyping import Bool, Float
 from jaxsim.data.polar_frames import PolarFrames
 from jaxsim.discover.read.registration import Registration
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import MEDIAN_TO_SD
 from jaxsim.frame import PolarImage
 from jaxsim.geometry import grid_difference
-from jaxsim.progress import counted
 
 _Sides = tuple[Mapping[str, bytes], Mapping[str, bytes]]
 """`readings_of` simulated and measured frames, by name."""
@@ -142,12 +140,6 @@ def all_or_none(folder: Path, names: Sequence[str], extra: Sequence[Mapping[str,
             )
 
 
-def unpartnered(simulated: Sequence[str], measured: Sequence[str]) -> list[str]:
-    """Gives a note on frames that only one folder has."""
-    alone = len({*simulated} ^ {*measured})
-    return [f"{alone} frames have no partner of the same name in the other folder and are left out"] if alone else []
-
-
 def constant_intensity(simulated: _Levels, measured: _Levels) -> list[str]:
     """Gives a note where the simulated intensity is alike everywhere. Raises ValueError where the measured one is."""
     least, most = _extent(measured)
@@ -173,69 +165,6 @@ def levels_of(image: PolarImage) -> tuple[float, float]:
 
 def _extent(levels: _Levels) -> tuple[float, float]:
     return min(low for low, _ in levels), max(high for _, high in levels)
-
-
-def uneven(names: Sequence[str], simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
-    """Gives notes on frames whose brightness beside the simulated ones is not that of the others: single ones by name,
-    as one of another scale, or all, where gains differ from frame to frame."""
-    level = np.array([_brighter(*pair) for pair in zip(simulated, measured, strict=True)])
-    off = level - np.nanmedian(level) if np.isfinite(level).any() else level
-    scatter = MEDIAN_TO_SD * np.nanmedian(np.abs(off)) if np.isfinite(off).any() else 0.0
-    alone = np.abs(off) > max(RULES.alone_nats, RULES.alone_sds * scatter)
-    notes = []
-    if alone.any():
-        which = ", ".join(f"{names[k]} {np.exp(off[k]):.2g}" for k in np.flatnonzero(alone)[:3])
-        which = f"{which}{' ...' if alone.sum() > 3 else ''} times as bright"
-        notes.append(
-            f"{counted(int(alone.sum()), 'measured frame')} of another brightness than the others, beside the "
-            f"simulated ones ({which}): another scale or exposure? Compared as they are"
-        )
-    others = off[~alone & np.isfinite(off)]
-    if len(others) and np.std(others) > RULES.uneven_nats:
-        notes.append(
-            f"measured frames are {np.exp(others.min()):.2g} to {np.exp(others.max()):.2g} times as bright, beside the "
-            f"simulated ones, as the median of them (standard deviation of ln {np.std(others):.2f}): a gain or an "
-            "exposure that differs from frame to frame, which is fitted and of which nothing is said; frames of one "
-            "setting by themselves tell more"
-        )
-    return notes
-
-
-def _brighter(simulated: PolarImage, measured: PolarImage) -> float:
-    """Gives the median of ln measured / simulated intensity, of rays that both read; NaN where these are few."""
-    ours, theirs = np.asarray(simulated.intensity), np.asarray(measured.intensity)
-    both = np.asarray(simulated.valid) & np.asarray(measured.valid) & (ours > 0) & (theirs > 0)
-    return float(np.median(np.log(theirs[both] / ours[both]))) if both.mean() > RULES.fewest_returns else np.nan
-
-
-def very_fast(speed_mps: Float[np.ndarray, " f"]) -> list[str]:
-    """Gives a note on speeds that no car in a street has, as those in kilometres an hour."""
-    fastest = float(np.max(np.abs(speed_mps[np.isfinite(speed_mps)]), initial=0.0))
-    if fastest <= RULES.fastest_mps:
-        return []
-    return [
-        f"speeds in grid.json reach {fastest:.0f} m/s ({3.6 * fastest:.0f} km/h): if these are km/h already, divide "
-        "them by 3.6, for what follows speed is told by them"
-    ]
-
-
-def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Gives a note on frames of which grid.json names no scene: each counts as one, though they may be one drive's."""
-    without = [fact for fact in facts if "scene" not in fact]
-    if not without:
-        return []
-    note = (
-        f"{len(without)} of {len(names)} frames have no scene in grid.json and count as a drive each: if they are of "
-        "one drive they are not independent, and p-values and intervals are too small; give each frame its scene"
-    )
-    times = np.sort([float(fact["time"]) for fact in without if "time" in fact])
-    step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
-    if step < RULES.consecutive_s:
-        note += (
-            f". Their times are {step:g} s apart: consecutive frames of one drive, it seems. Do not trust p-values and "
-            "intervals of this answer"
-        )
-    return [note]
 
 
 class RangeAgreement(NamedTuple):

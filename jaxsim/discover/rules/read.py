@@ -116,6 +116,9 @@ class ReadRules:
     `alone_sds` of their scatter (a judgement, not calibrated)."""
     alone_sds: float = 6.0
     """... (a judgement, not calibrated)."""
+    same_numbers: float = 0.9
+    """Share of rays with the same number on both sides from which on it is told: two that are read for themselves have
+    few, whatever steps they are rounded to (a judgement, not calibrated)."""
     related_surfaces: int = 8
     """Surfaces of a scene from which on their intensities can be ranked (a judgement, not calibrated)."""
     related_rays: int = 3

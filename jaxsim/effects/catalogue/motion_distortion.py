@@ -25,7 +25,15 @@ EFFECT = Effect(
     title="the car moves during a scan and the scan is not corrected for it",
     formula="true origin = nominal origin + share · speed · 0.1 s · (u − ½) forward",
     parameters={
-        "share": Parameter(0.0, -0.2, 1.5, "", "share of the motion that is left in the scan", scale=0.5),
+        "share": Parameter(
+            0.0,
+            -1.5,
+            1.5,
+            "",
+            "share of the motion that is left in the scan; below 0 where it was corrected too far, or where speeds or "
+            "the sense of the turn have the other sign",
+            scale=0.5,
+        ),
     },
     channels=("range", "intensity", "drop"),
     signature="A range residual proportional to speed, to the place within the scan and to the cosine of the azimuth; "

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.blind.hidden.case import make_case
 from jaxsim.data.polar_frames import frame_names, read_frame
-from jaxsim.discover.read.checks import agreement, check_partners, uneven, very_fast
+from jaxsim.discover.read.checks import agreement, check_partners
 from tests.discover.rooms import registered, rooms, seen
 
 SMALL = {"seed": 11, "scenes": 6, "rows": 16, "columns": 96}
@@ -132,34 +132,3 @@ def test_another_street_is_refused_with_the_best_motion_found():
     theirs = [seen(room[::-1] * 0.6) for room in rooms(6, seed=9)]
     with pytest.raises(ValueError, match=r"% with the simulated sensor moved by .* deg in roll"):
         check_partners(names, ours, theirs, registered=registered(ours, theirs, names))
-
-
-def brighter(image, factor):
-    return image.replace(intensity=np.clip(image.intensity * factor, 0, 1).astype(np.float32))
-
-
-def test_frames_of_another_brightness_are_told(case):
-    names, ours, theirs = case
-    assert uneven(names, ours, theirs) == []
-    # One gain of all frames is fitted first, and is no news.
-    assert uneven(names, ours, [brighter(image, 0.3) for image in theirs]) == []
-    (one,) = uneven(names, ours, [brighter(theirs[0], 1 / 255), *theirs[1:]])
-    assert one.startswith(
-        f"1 measured frame of another brightness than the others, beside the simulated ones ({names[0]}"
-    )
-    (half,) = uneven(names, ours, [brighter(image, 0.3 if k % 2 else 1) for k, image in enumerate(theirs)])
-    assert "differs from frame to frame" in half
-
-
-def test_frames_without_returns_have_no_brightness(case):
-    names, ours, theirs = case
-    dark = [image.replace(valid=np.zeros_like(image.valid)) for image in theirs]
-    assert uneven(names, ours, dark) == []
-    assert uneven(names, ours, [dark[0], *theirs[1:]]) == []
-
-
-def test_speeds_in_kilometres_an_hour_are_asked_about():
-    assert very_fast(np.array([0.0, 13.9, np.nan])) == []
-    assert very_fast(np.zeros(0)) == []
-    (note,) = very_fast(np.array([50.0, -70.0]))
-    assert note.startswith("speeds in grid.json reach 70 m/s (252 km/h)")

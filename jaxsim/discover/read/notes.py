@@ -1,0 +1,102 @@
+"""What two folders say that a reader of the answer must know, and that stops no comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import MEDIAN_TO_SD
+from jaxsim.frame import PolarImage
+from jaxsim.progress import counted
+
+
+def unpartnered(simulated: Sequence[str], measured: Sequence[str]) -> list[str]:
+    """Gives a note on frames that only one folder has."""
+    alone = len({*simulated} ^ {*measured})
+    return [f"{alone} frames have no partner of the same name in the other folder and are left out"] if alone else []
+
+
+def uneven(names: Sequence[str], simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
+    """Gives notes on frames whose brightness beside the simulated ones is not that of the others: single ones by name,
+    as one of another scale, or all, where gains differ from frame to frame."""
+    level = np.array([_brighter(*pair) for pair in zip(simulated, measured, strict=True)])
+    off = level - np.nanmedian(level) if np.isfinite(level).any() else level
+    scatter = MEDIAN_TO_SD * np.nanmedian(np.abs(off)) if np.isfinite(off).any() else 0.0
+    alone = np.abs(off) > max(RULES.alone_nats, RULES.alone_sds * scatter)
+    notes = []
+    if alone.any():
+        which = ", ".join(f"{names[k]} {np.exp(off[k]):.2g}" for k in np.flatnonzero(alone)[:3])
+        which = f"{which}{' ...' if alone.sum() > 3 else ''} times as bright"
+        notes.append(
+            f"{counted(int(alone.sum()), 'measured frame')} of another brightness than the others, beside the "
+            f"simulated ones ({which}): another scale or exposure? Compared as they are"
+        )
+    others = off[~alone & np.isfinite(off)]
+    if len(others) and np.std(others) > RULES.uneven_nats:
+        notes.append(
+            f"measured frames are {np.exp(others.min()):.2g} to {np.exp(others.max()):.2g} times as bright, beside the "
+            f"simulated ones, as the median of them (standard deviation of ln {np.std(others):.2f}): a gain or an "
+            "exposure that differs from frame to frame, which is fitted and of which nothing is said; frames of one "
+            "setting by themselves tell more"
+        )
+    return notes
+
+
+def _brighter(simulated: PolarImage, measured: PolarImage) -> float:
+    """Gives the median of ln measured / simulated intensity, of rays that both read; NaN where these are few."""
+    ours, theirs = np.asarray(simulated.intensity), np.asarray(measured.intensity)
+    both = np.asarray(simulated.valid) & np.asarray(measured.valid) & (ours > 0) & (theirs > 0)
+    return float(np.median(np.log(theirs[both] / ours[both]))) if both.mean() > RULES.fewest_returns else np.nan
+
+
+def very_fast(speed_mps: Float[np.ndarray, " f"]) -> list[str]:
+    """Gives a note on speeds that no car in a street has, as those in kilometres an hour."""
+    fastest = float(np.max(np.abs(speed_mps[np.isfinite(speed_mps)]), initial=0.0))
+    if fastest <= RULES.fastest_mps:
+        return []
+    return [
+        f"speeds in grid.json reach {fastest:.0f} m/s ({3.6 * fastest:.0f} km/h): if these are km/h already, divide "
+        "them by 3.6, for what follows speed is told by them"
+    ]
+
+
+def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Gives a note on frames of which grid.json names no scene: each counts as one, though they may be one drive's."""
+    without = [fact for fact in facts if "scene" not in fact]
+    if not without:
+        return []
+    note = (
+        f"{len(without)} of {len(names)} frames have no scene in grid.json and count as a drive each: if they are of "
+        "one drive they are not independent, and p-values and intervals are too small; give each frame its scene"
+    )
+    times = np.sort([float(fact["time"]) for fact in without if "time" in fact])
+    step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
+    if step < RULES.consecutive_s:
+        note += (
+            f". Their times are {step:g} s apart: consecutive frames of one drive, it seems. Do not trust p-values and "
+            "intervals of this answer"
+        )
+    return [note]
+
+
+def same_numbers(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
+    """Gives a note where nearly all rays read the same number on both sides, as those of which one side is a copy."""
+    notes = []
+    for part, what in (("range_m", "ranges"), ("intensity", "intensities")):
+        share = float(np.mean([_alike(*pair, part) for pair in zip(simulated, measured, strict=True)]))
+        if share > RULES.same_numbers:
+            notes.append(
+                f"{100 * share:.0f} % of the rays that return on both sides have the same number as {what}: of these "
+                "the answer tells nothing where one side was made from the other"
+            )
+    return notes
+
+
+def _alike(simulated: PolarImage, measured: PolarImage, part: str) -> float:
+    both = np.asarray(simulated.valid) & np.asarray(measured.valid)
+    equal = np.asarray(getattr(simulated, part)) == np.asarray(getattr(measured, part))
+    return float(equal[both].mean()) if both.any() else 0.0

@@ -1,0 +1,72 @@
+"""What is told of frames that are compared all the same. The streets are the generator's own."""
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.read.notes import same_numbers, uneven, very_fast
+from tests.discover.rooms import rooms, seen
+
+
+@pytest.fixture(scope="module")
+def case():
+    """Names and the two sides of frames that differ by their noise."""
+    rng = np.random.default_rng(5)
+    ours = [seen(room) for room in rooms(6)]
+
+    def noisy(values):
+        return (values * (1 + 0.05 * rng.standard_normal(values.shape))).astype(np.float32)
+
+    theirs = [image.replace(intensity=noisy(image.intensity), range_m=noisy(image.range_m)) for image in ours]
+    return [f"s{k}" for k in range(6)], ours, theirs
+
+
+def brighter(image, factor):
+    return image.replace(intensity=np.clip(image.intensity * factor, 0, 1).astype(np.float32))
+
+
+def test_frames_of_another_brightness_are_told(case):
+    names, ours, theirs = case
+    assert uneven(names, ours, theirs) == []
+    # One gain of all frames is fitted first, and is no news.
+    assert uneven(names, ours, [brighter(image, 0.3) for image in theirs]) == []
+    (one,) = uneven(names, ours, [brighter(theirs[0], 1 / 255), *theirs[1:]])
+    assert one.startswith(
+        f"1 measured frame of another brightness than the others, beside the simulated ones ({names[0]}"
+    )
+    (half,) = uneven(names, ours, [brighter(image, 0.3 if k % 2 else 1) for k, image in enumerate(theirs)])
+    assert "differs from frame to frame" in half
+
+
+def test_frames_without_returns_have_no_brightness(case):
+    names, ours, theirs = case
+    dark = [image.replace(valid=np.zeros_like(image.valid)) for image in theirs]
+    assert uneven(names, ours, dark) == []
+    assert uneven(names, ours, [dark[0], *theirs[1:]]) == []
+
+
+def test_speeds_in_kilometres_an_hour_are_asked_about():
+    assert very_fast(np.array([0.0, 13.9, np.nan])) == []
+    assert very_fast(np.zeros(0)) == []
+    (note,) = very_fast(np.array([50.0, -70.0]))
+    assert note.startswith("speeds in grid.json reach 70 m/s (252 km/h)")
+
+
+def test_copied_numbers_are_told(case):
+    _, ours, theirs = case
+    assert same_numbers(ours, theirs) == []
+    painted = [image.replace(intensity=other.intensity) for image, other in zip(ours, theirs, strict=True)]
+    (note,) = same_numbers(painted, theirs)
+    assert note.startswith("100 % of the rays that return on both sides have the same number as intensities")
+    # A few cells that were edited do not hide it.
+    edited = [image.replace(intensity=np.where(image.range_m < 3, 0.5, image.intensity)) for image in painted]
+    assert len(same_numbers(edited, theirs)) == 1
+    assert len(same_numbers(theirs, theirs)) == 2
+
+
+def test_noise_that_is_rounded_away_is_no_copy(case):
+    _, ours, theirs = case
+
+    def in_steps(images):
+        return [image.replace(intensity=np.round(255 * image.intensity) / 255) for image in images]
+
+    assert same_numbers(in_steps(ours), in_steps(theirs)) == []
