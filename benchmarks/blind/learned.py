@@ -155,7 +155,7 @@ def summary(rows: Sequence[Row]) -> str:
     enough = [row["gained"] >= ENOUGH * row["truth"] for row in rows]
     text = [
         f"{len(rows)} cases; code {', '.join(sorted({row['code'] for row in rows}))}. {sum(enough)} of {len(rows)} "
-        f"reach {ENOUGH:.0%} of the hidden law's gain.",
+        f"reach {100 * ENOUGH:.0f} % of the hidden law's gain.",
         "",
         "| kind | learned | nats a judge scene | of the hidden law | share |",
         "|---|---|---|---|---|",
@@ -163,7 +163,7 @@ def summary(rows: Sequence[Row]) -> str:
     for row in sorted(rows, key=lambda row: row["key"]):
         laws = ", ".join(name.removeprefix("learned ") for name in row["learned"]) or "nothing"
         share = row["gained"] / max(row["truth"], 1e-9)
-        text.append(f"| {row['kind']} | {laws} | {row['gained']:.1f} | {row['truth']:.1f} | {share:.0%} |")
+        text.append(f"| {row['kind']} | {laws} | {row['gained']:.1f} | {row['truth']:.1f} | {100 * share:.0f} % |")
     return "\n".join(text)
 
 

@@ -103,7 +103,7 @@ def main(args: Args) -> None:
             share = exchange_s / (compute_s + exchange_s)
             print(
                 f"  {n} devices: {1e3 * compute_s:.1f} ms of operations, {sent / 2**20:.0f} MiB sent by each in "
-                f"{1e3 * exchange_s:.1f} ms: {share:.0%}, {n * batch / (compute_s + exchange_s):.0f} items/s"
+                f"{1e3 * exchange_s:.1f} ms: {100 * share:.0f} %, {n * batch / (compute_s + exchange_s):.0f} items/s"
             )
 
 

@@ -233,7 +233,10 @@ def main() -> None:
     for name, run in peers.items():
         theirs = run(frame)
         same = (ours.semantic == theirs.semantic) & (ours.valid == theirs.valid) & (ours.occluded == theirs.occluded)
-        print(f"{name} paints the same pixel in {same.mean():.2%} of the cells (jaxsim compares distances to 12 bits)")
+        print(
+            f"{name} paints the same pixel in {100 * same.mean():.2f} % of the cells "
+            "(jaxsim compares distances to 12 bits)"
+        )
         if same.mean() < 0.99:
             raise SystemExit(f"{name} does not do the same work")
     on_device = jax.device_put((frame, grid))

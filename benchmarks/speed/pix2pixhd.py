@@ -249,7 +249,7 @@ def compare(size: str, batch: int, arguments: argparse.Namespace, layout) -> Non
 def _rates(took: dict[str, float], batch: int, *, operations: float = 0.0, peak: float = 0.0) -> None:
     for name, seconds in took.items():
         note = f", {operations / seconds / 1e12:.2f} TFLOP/s" if operations else ""
-        note += f" ({operations / seconds / 1e12 / peak:.1%} of the peak)" if operations and peak else ""
+        note += f" ({100 * operations / seconds / 1e12 / peak:.1f} % of the peak)" if operations and peak else ""
         print(f"  {name:<24}{batch / seconds:10.2f} images/s{note}", flush=True)
 
 

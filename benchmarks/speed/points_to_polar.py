@@ -93,7 +93,7 @@ def main() -> None:
     peers = {"torch": theirs_torch} | ({"numba": theirs_numba} if DEVICE == "cpu" else {})
     for name, peer in peers.items():
         same = (np.asarray(peer()[3] if DEVICE == "cpu" else peer()[3].cpu()) == np.asarray(winner).ravel()).mean()
-        print(f"{name} picks the same point in {same:.4%} of the cells")
+        print(f"{name} picks the same point in {100 * same:.4f} % of the cells")
         if same < 0.999:
             raise SystemExit(f"{name} does not do the same work")
     print(f"{len(xyz)} points, {int(image.valid.sum())} cells filled")

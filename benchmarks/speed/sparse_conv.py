@@ -214,7 +214,10 @@ def main() -> None:
     same = forms(submanifold_tables, sites)
     tables = same["XLA"](sites)
     filled = float((tables.forward < CAP).mean())
-    print(f"{int(sites.valid.sum())} voxels of {cells(sites.shape):,} cells, {filled:.1%} of the table's places filled")
+    print(
+        f"{int(sites.valid.sum())} voxels of {cells(sites.shape):,} cells, "
+        f"{100 * filled:.1f} % of the table's places filled"
+    )
 
     def down(s: Sites):
         out, dropped = strided_sites(s, HALVING, 5 * CAP // 2)

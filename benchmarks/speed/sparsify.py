@@ -102,7 +102,7 @@ def main() -> None:
         theirs = run(points)
         same = np.asarray(ours.valid) == (theirs >= 0)
         same &= (np.asarray(ours.xyz_m) == points[theirs]).all(axis=1) | ~np.asarray(ours.valid)
-        print(f"{name} has the same point in {same.mean():.3%} of the cells")
+        print(f"{name} has the same point in {100 * same.mean():.3f} % of the cells")
     interleave(
         f"{len(points)} points to 64 x 512 cells",
         {

@@ -72,7 +72,8 @@ def measure(chromium: Browser, page: Path, *, width: int, seconds: float) -> str
     tab.close()
     of_turning = 1000 * (turned_s - begun_s) / max(turning * seconds, 1)
     of_whole = 1000 * (ended_s - turned_s) / 20
-    words = f"{turning:.1f} frames/s while it turns ({of_turning:.0f} ms of processor time), {share:.0%} of the points"
+    words = f"{turning:.1f} frames/s while it turns ({of_turning:.0f} ms of processor time)"
+    words = f"{words}, {100 * share:.0f} % of the points"
     return f"{words}; {whole:.1f} frames/s with all ({of_whole:.0f} ms), {canvas[0]} x {canvas[1]} pixels"
 
 

@@ -41,7 +41,7 @@ print(f"{len(comparison.names)} frames of {len(set(comparison.scenes))} drives, 
 
 # %%
 for place in disagreements(comparison):
-    print(f"{place.channel} along {place.covariate}: p {place.p_value:.2g}, {place.share:.0%} of the variance")
+    print(f"{place.channel} along {place.covariate}: p {place.p_value:.2g}, {100 * place.share:.0f} % of the variance")
 
 # %% [markdown]
 # Which effect is it, and how much of the gap does it close on streets that nothing was fitted to? The report below

@@ -55,7 +55,7 @@ def describe(effect: Effect) -> str:
     text = [f"  {effect.signature}"] if effect.signature else []
     lines += ["", "signature", *text, f"  covariates: {', '.join(effect.covariates) or 'none'}"]
     alike = effect.alike if isinstance(effect, OwnEffect) else ()
-    shares = {one.name: f" ({one.share:.0%} of it)" for one in alike}
+    shares = {one.name: f" ({100 * one.share:.0f} % of it)" for one in alike}
     lines += ["", "look-alikes, and what tells them apart"]
     lines += [f"  {other}{shares.get(other, '')}: {how}" for other, how in effect.look_alikes.items()]
     sources = [effect.source, str(effect.origin) if isinstance(effect, OwnEffect) else ""]

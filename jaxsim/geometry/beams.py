@@ -174,7 +174,7 @@ def _check_on_beams(middle: Float[np.ndarray, " count"], off: Float[np.ndarray, 
     share = float((off > _OFF_ROWS * max(step, _SAME_RAD)).mean())
     if share > _OFF_BEAMS:
         raise NoBeams(
-            f"{share:.0%} of the points lie {_OFF_ROWS:g} rows or more off the beam of their ring (rows are "
+            f"{100 * share:.0f} % of the points lie {_OFF_ROWS:g} rows or more off the beam of their ring (rows are "
             f"{np.rad2deg(step):.2f} degrees apart): the points are not in the sensor's own frame, or the rings are "
             "not its beams"
         )

@@ -157,8 +157,9 @@ def camera_rows(camera: Camera, size: tuple[int, int], spec: LidarSpec) -> tuple
     seen = np.flatnonzero(fractions >= LINE_SHARE)
     if len(seen) == 0:
         raise ValueError(
-            f"camera_rows: the camera sees no line of {spec.name} (best: {fractions.max():.0%} of line "
-            f"{fractions.argmax()}, asked {LINE_SHARE:.0%}); is cam_from_velo right, is the size (height, width)?"
+            f"camera_rows: the camera sees no line of {spec.name} (best: {100 * fractions.max():.0f} % of line "
+            f"{fractions.argmax()}, asked {100 * LINE_SHARE:.0f} %); is cam_from_velo right, is the size "
+            "(height, width)?"
         )
     return int(seen[0]), int(seen[-1]) + 1
 

@@ -104,8 +104,8 @@ def _check_direction(azimuth: Float[np.ndarray, " n"]) -> None:
     falls = float((step[near] < 0).mean()) if near.any() else 0.0
     if falls > _FALLS:
         raise UnorderedCloud(
-            f"azimuth falls in {falls:.0%} of the steps from point to point: lines must run counter-clockwise, from "
-            "straight ahead to the left (clockwise, mirrored or shuffled?)"
+            f"azimuth falls in {100 * falls:.0f} % of the steps from point to point: lines must run counter-clockwise, "
+            "from straight ahead to the left (clockwise, mirrored or shuffled?)"
         )
 
 
@@ -113,9 +113,9 @@ def _check_beams(row: Int[np.ndarray, " n"], nearest: Int[np.ndarray, " n"], spe
     off = float((np.abs(row - nearest) > 1).mean())
     if off > _OFF_BEAMS:
         raise UnorderedCloud(
-            f"{off:.0%} of the points lie two beams of {spec.name} or more from the laser line that their order gives "
-            "them: the points are in another order than line by line from straight ahead to the left, or another "
-            "sensor's"
+            f"{100 * off:.0f} % of the points lie two beams of {spec.name} or more from the laser line that their "
+            "order gives them: the points are in another order than line by line from straight "
+            "ahead to the left, or another sensor's"
         )
 
 
@@ -154,8 +154,8 @@ def _check_elevations(elevation: Float[np.ndarray, " n"], line: Int[np.ndarray, 
         )
     if falling < 0.75:
         raise UnorderedCloud(
-            f"elevation falls in only {falling:.0%} of the steps from one laser line to the next; the file must "
-            "hold the top line first"
+            f"elevation falls in only {100 * falling:.0f} % of the steps from one laser line to the next; the file "
+            "must hold the top line first"
         )
 
 

@@ -68,6 +68,6 @@ def test_what_the_hidden_law_did_is_noted_and_leaves_the_case_as_it_is(tmp_path)
 def test_shares_of_the_hidden_gain_are_counted():
     row = {"kind": "hue_gain", "code": "c", "learned": ["learned intensity along hue angle"], "truth": 10.0}
     text = learned.summary([row | {"key": "a", "gained": 8.5}, row | {"key": "b", "gained": 1.0, "learned": []}])
-    assert "1 of 2 reach 80%" in text
-    assert "| hue_gain | intensity along hue angle | 8.5 | 10.0 | 85% |" in text
-    assert "| hue_gain | nothing | 1.0 | 10.0 | 10% |" in text
+    assert "1 of 2 reach 80 %" in text
+    assert "| hue_gain | intensity along hue angle | 8.5 | 10.0 | 85 % |" in text
+    assert "| hue_gain | nothing | 1.0 | 10.0 | 10 % |" in text

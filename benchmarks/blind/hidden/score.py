@@ -130,8 +130,8 @@ def describe(result: dict[str, Any]) -> str:
     if result["kind"] == "outside":
         lines.append(f"  channel: {_yes(result['channel_right'])}; covariate: {_yes(result['covariate_right'])}")
     for p in result["parameters"]:
-        error = "" if p["relative_error"] is None else f", relative error {p['relative_error']:.1%}"
-        inside = "no interval given" if p["inside"] is None else f"{p['inside']:.0%} inside the interval"
+        error = "" if p["relative_error"] is None else f", relative error {100 * p['relative_error']:.1f} %"
+        inside = "no interval given" if p["inside"] is None else f"{100 * p['inside']:.0f} % inside the interval"
         lines.append(f"  {p['effect']}.{p['parameter']}: {inside}{error}")
     return "\n".join(lines)
 

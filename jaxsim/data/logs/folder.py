@@ -52,9 +52,11 @@ class Written:
         """Tells of the frames in `out`, and of the sensor that was told from them."""
         lines = [f"{counted(self.frames, 'frame')} of {self.rows} x {self.columns} cells in {out}"]
         if self.frames:
-            lines.append(f"  {self.filled:.1%} of the cells hold a return")
+            lines.append(f"  {100 * self.filled:.1f} % of the cells hold a return")
             if self.hidden > TELL_HIDDEN:
-                lines.append(f"  {self.hidden:.1%} of the returns share a cell with a nearer one, which was kept")
+                lines.append(
+                    f"  {100 * self.hidden:.1f} % of the returns share a cell with a nearer one, which was kept"
+                )
         if self.already:
             lines.append(f"  {self.already} were there")
         if self.partial:

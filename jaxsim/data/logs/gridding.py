@@ -201,7 +201,7 @@ def to_sweep(scan: LogScan, layout: ScanLayout, options: LogOptions, *, by: str)
         strange = float((row < 0).mean())
         if strange > _STRANGE:
             raise ValueError(
-                f"{where}: {strange:.0%} of its points are of rings that the first scans did not have: another "
+                f"{where}: {100 * strange:.0f} % of its points are of rings that the first scans did not have: another "
                 "sensor's scan; give --log.lines if these are beams that saw nothing before"
             )
     else:

@@ -130,9 +130,9 @@ def apart_in_words(apart: Bool[np.ndarray, "f r n"], scan: Scan) -> str:
     share = apart.sum() / max((apart | np.asarray(scan.hit)).sum(), 1)
     of_class = shares_of_classes(apart, scan)
     most = sorted(of_class, key=of_class.__getitem__)[: -RULES.apart_classes_told - 1 : -1]
-    shares = [f"{of_class[one]:.0%} of {NAMES[one]}" for one in most]
+    shares = [f"{100 * of_class[one]:.0f} % of {NAMES[one]}" for one in most]
     where = f" ({', '.join(shares)})" if shares else ""
-    return f"{share:.1%} of the rays{where}"
+    return f"{100 * share:.1f} % of the rays{where}"
 
 
 def shifted(of: np.ndarray, rows: int, columns: int) -> np.ndarray:

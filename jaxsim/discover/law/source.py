@@ -146,7 +146,7 @@ def _source(law: ClosedLaw, name: str) -> str:
     title = f"{law.channel} follows {along}"
     formula = f"{CHANGE_OF[law.channel]}; change = {law.expression}"
     signature = f"Residuals of {law.channel} along {along} follow the formula."
-    source = f"jaxsim discover: {law.held_out_nats:.0f} nats held out, {law.share:.0%} of the curve"
+    source = f"jaxsim discover: {law.held_out_nats:.0f} nats held out, {100 * law.share:.0f} % of the curve"
     return f'''"""{law.formula}, of {law.channel}: found by `jaxsim discover`, in no catalogue."""
 
 import jax.numpy as jnp

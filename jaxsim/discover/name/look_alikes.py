@@ -184,7 +184,7 @@ def _apart(remainder: np.ndarray, rays: Rays, *, share: float) -> str:
     }
     explained = {name: _between(part[hit], np.asarray(x).ravel()[hit]) for name, x in of.items()}
     name, most = max(explained.items(), key=lambda pair: pair[1])
-    return f"frames that span more {name}: on it depends {most:.0%} of what is left of the two's difference"
+    return f"frames that span more {name}: on it depends {100 * most:.0f} % of what is left of the two's difference"
 
 
 def _between(value: np.ndarray, covariate: np.ndarray) -> float:

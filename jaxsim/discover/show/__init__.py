@@ -201,8 +201,8 @@ def without_unconfirmed(verdict: Verdict, alone: Mapping[str, float] | None = No
     names = [effect.name for effect in lost]
     note = (
         f"not confirmed on unseen scenes: {', '.join(names)} explained the scenes that the search saw, but the "
-        f"{len(verdict.judge)} judge scenes gain less than {RULES.confirmed_share:.0%} of that in the mean; it is not "
-        "named. The gap is shown with it in place"
+        f"{len(verdict.judge)} judge scenes gain less than {100 * RULES.confirmed_share:.0f} % of that in the mean; it "
+        "is not named. The gap is shown with it in place"
     )
     answer = verdict.verdict
     if answer == "named" and not confirmed_effects:

@@ -40,8 +40,8 @@ from jaxsim.progress import counted
 CANNOT_TELL = "these data cannot tell it from the one that is named"
 """Why a look-alike is not what was named."""
 REFUSED = {
-    NEGLIGIBLE: f"Each is less than {RULES.negligible:.0%} of what is clearly visible of it: so many rays show what is "
-    "too small to matter, and as much comes of rounding, smoothing or a surface's model",
+    NEGLIGIBLE: f"Each is less than {100 * RULES.negligible:.0f} % of what is clearly visible of it: so many rays show "
+    "what is too small to matter, and as much comes of rounding, smoothing or a surface's model",
     UNFOUNDED: "Weak echoes lie farther from the prediction, but the noise of neighbouring readings does not grow as "
     "echoes weaken: what grows is what the simulator does not know of grazing surfaces and of the sensor's pose",
     OF_MATERIALS: "The simulated frames tell no classes: where one material stands near by, low or slanted and another "

@@ -81,9 +81,9 @@ def test_classes_that_are_apart_most_are_named(sides):
     apart = np.zeros(scan.hit.shape, bool)
     apart[:, 4:12, 20:30] = True
     semantic = np.where(apart, IDS["terrain"], IDS["road"]).astype(np.int32)
-    assert "100% of terrain" in apart_in_words(apart, replace(scan, semantic=semantic))
+    assert "100 % of terrain" in apart_in_words(apart, replace(scan, semantic=semantic))
     nameless = apart_in_words(apart, replace(scan, semantic=np.zeros_like(semantic)))
-    assert nameless == f"{apart.sum() / np.asarray(scan.hit).sum():.1%} of the rays"
+    assert nameless == f"{100 * apart.sum() / np.asarray(scan.hit).sum():.1f} % of the rays"
 
 
 def test_what_moved_is_seen_by_neither_side_and_a_lost_ray_stays_lost():

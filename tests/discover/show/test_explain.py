@@ -81,8 +81,8 @@ def test_few_drives_that_are_cut_into_sectors_are_told():
 
 
 def test_rays_that_are_left_out_are_told():
-    [note] = told(left_out="3.5% of the rays (29% of terrain)")
-    assert note.startswith("3.5% of the rays (29% of terrain) met a surface that one side alone has")
+    [note] = told(left_out="3.5 % of the rays (29 % of terrain)")
+    assert note.startswith("3.5 % of the rays (29 % of terrain) met a surface that one side alone has")
 
 
 def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
@@ -100,7 +100,7 @@ def test_what_one_class_alone_shows_is_told_to_be_of_its_surfaces():
 
 def test_what_is_too_small_to_matter_is_told():
     [note] = told(refused={"range_scale": NEGLIGIBLE})
-    assert note.startswith("found, and not said: range_scale. Each is less than 10% of what is clearly visible of it")
+    assert note.startswith("found, and not said: range_scale. Each is less than 10 % of what is clearly visible of it")
 
 
 def test_what_materials_make_as_well_is_told():
