@@ -18,6 +18,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law
 
 SCARCE = f"no more than {100 * RULES.scarce_clutter:.1f} % of the rays return before what is simulated"
+"""Of clutter."""
 DENIED = "all other surfaces speak against it, without those of"
 """Followed by a class's name, and the next by one or more."""
 OUTDONE = "another explains as much, and these surfaces show far less of this one than they would:"
@@ -31,6 +32,7 @@ SHOWN_ELSEWHERE = {
 }
 """What it means that something was found which is not said, by why."""
 NEGLIGIBLE = f"less than {100 * RULES.negligible:.0f} % of what is clearly visible"
+"""Of an effect's parameters, in their scales."""
 UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 OF_MATERIALS = "no class tells materials apart, and these alone make as much"
 BY_PLACE = ("range", "row", "height")
