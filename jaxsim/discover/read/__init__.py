@@ -94,9 +94,24 @@ class Rest:
     names: tuple[str, ...]
     first_s: float = 0.0
     """When the first of the frames that were read was taken, from which theirs count."""
+    rasters: frozenset[str] = frozenset()
+    """What the frames that were read tell besides range and intensity."""
 
     def scene_of(self, name: str) -> str:
         return scene_of(name, self.measured, self.simulated)
+
+    def sound(self) -> tuple[Rest, tuple[str, ...]]:
+        """Gives the frames that can be compared as those that were read, and what is wrong with each of the others."""
+        wrong: dict[str, str] = {}
+        for name in self.names:
+            try:
+                _, _, [rasters] = _read([name], self.simulated, self.measured)
+            except ValueError as error:
+                wrong[name] = str(error)
+                continue
+            if lacking := self.rasters - {*rasters}:
+                wrong[name] = f"{name} of {self.simulated.folder} lacks {', '.join(sorted(lacking))}"
+        return replace(self, names=tuple(name for name in self.names if name not in wrong)), tuple(wrong.values())
 
 
 def read_comparison(simulated: Path, measured: Path) -> Comparison:
@@ -133,7 +148,8 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
     # Times count from the first frame that is shared, whether it is read or not. What simulates with the answer counts
     # from its data set's first: the same where the folders hold the recording from its start.
     first_s = min(float(fact.get("time", 0.0)) for fact in _about(shared, simulated, measured))
-    rest = Rest(simulated, measured, tuple(name for name in shared if name not in read), first_s=first_s)
+    unread = tuple(name for name in shared if name not in read)
+    rest = Rest(simulated, measured, unread, first_s=first_s, rasters=frozenset(rasters[0]))
     scenes = [scene_of(name, simulated, measured) for name in names]
     scan = _counted_from(first_s, scan_of(grid, simulated_images, rasters, about=about), about)
     measured_rays = _measured(measured_images)
@@ -144,6 +160,8 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
         return _read_frames(simulated, measured, left_out={**left_out, **no_pairs})
     checks.all_or_none(simulated.folder, names, rasters)
     notes = [*(f"left out: {why}" for _, why in sorted(left_out.items()))]
+    if "incidence" in rasters[0]:
+        checks.check_incidence(names[0], simulated_images[0], angle_rad=rasters[0]["incidence"], grid=grid)
     notes += [
         *unpartnered(simulated.names, measured.names),
         *checks.constant_intensity(*([*map(checks.levels_of, side)] for side in (simulated_images, measured_images))),
@@ -158,7 +176,7 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
     for name in names:
         scene = simulated.about.get(name, {}).get("scene")
         other = measured.about.get(name, {}).get("scene")
-        if None not in (scene, other) and scene != other:
+        if None not in (scene, other) and str(scene) != str(other):
             raise ValueError(
                 f"discover: {name} is of scene {scene!r} in {simulated.folder}, of {other!r} in {measured.folder}; "
                 "frames of the same name must be a pair"

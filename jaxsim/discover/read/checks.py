@@ -18,8 +18,9 @@ from jaxtyping import Bool, Float
 from jaxsim.data.polar_frames import PolarFrames
 from jaxsim.discover.read.registration import Registration
 from jaxsim.discover.rules import RULES
-from jaxsim.frame import PolarImage
-from jaxsim.geometry import grid_difference
+from jaxsim.discover.scenes import rank_correlation
+from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.geometry import grid_difference, incidence
 
 _Sides = tuple[Mapping[str, bytes], Mapping[str, bytes]]
 """`readings_of` simulated and measured frames, by name."""
@@ -87,6 +88,17 @@ def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: _Si
         )
 
 
+def check_all_differ(folder: Path, readings: Mapping[str, bytes]) -> None:
+    """Raises ValueError where two frames (of `folder`) hold the same readings."""
+    seen: dict[bytes, str] = {}
+    for name, digest in readings.items():
+        if (first := seen.setdefault(digest, name)) != name:
+            raise ValueError(
+                f"discover: {first} and {name} of {folder} hold the same readings to the last digit; one is a copy: "
+                "leave it out, or put back what it was"
+            )
+
+
 def check_no_doubles(folder: Path, sides: _Sides) -> None:
     """Raises ValueError where two measured frames (of `folder`) hold the same readings, and their simulated partners do
     not: a sensor's noise makes each frame its own."""
@@ -121,6 +133,19 @@ def check_sides(simulated: Path, measured: Path, *, rasters: tuple[Collection[st
         raise ValueError(
             f"discover: frames of {measured} tell the incidence of every ray, which no sensor knows, and those of "
             f"{simulated} do not; exchange --measured and --simulated, or take `incidence` out of the measured frames"
+        )
+
+
+def check_incidence(name: str, image: PolarImage, *, angle_rad: Float[np.ndarray, "r c"], grid: PolarGrid) -> None:
+    """Raises ValueError for angles of incidence that fall where the range image says that they grow, as cosines do."""
+    of_ranges, is_known = incidence(image.range_m, image.valid, grid)
+    known = np.asarray(is_known)
+    if known.sum() < RULES.fewest_residuals or np.ptp(angle_rad[known]) == 0:
+        return
+    if rank_correlation(np.asarray(of_ranges)[known], angle_rad[known]) < RULES.reversed_incidence:
+        raise ValueError(
+            f"discover: the incidence of {name} falls where its range image says that surfaces turn away; it must be "
+            "the angle between ray and surface normal in radians, 0 head on to pi/2: take arccos of cosines"
         )
 
 

@@ -73,14 +73,19 @@ def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[
         f"{len(without)} of {len(names)} frames have no scene in grid.json and count as a drive each: if they are of "
         "one drive they are not independent, and p-values and intervals are too small; give each frame its scene"
     )
-    times = np.sort([float(fact["time"]) for fact in without if "time" in fact])
-    step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
+    step = seconds_apart(facts)
     if step < RULES.consecutive_s:
         note += (
             f". Their times are {step:g} s apart: consecutive frames of one drive, it seems. Do not trust p-values and "
             "intervals of this answer"
         )
     return [note]
+
+
+def seconds_apart(facts: Sequence[Mapping[str, Any]]) -> float:
+    """Gives the median step in time between frames that name no scene, s; infinite where these say no times."""
+    times = np.sort([float(fact["time"]) for fact in facts if "scene" not in fact and "time" in fact])
+    return float(np.median(np.diff(times))) if len(times) > 1 else np.inf
 
 
 def same_numbers(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:

@@ -116,6 +116,9 @@ class ReadRules:
     `alone_sds` of their scatter (a judgement, not calibrated)."""
     alone_sds: float = 6.0
     """... (a judgement, not calibrated)."""
+    reversed_incidence: float = -0.5
+    """Rank correlation of the angles of incidence that frames tell with those of their range images, below which they
+    are something else, as cosines: angles of the same surfaces agree far above 0 (a judgement, not calibrated)."""
     same_numbers: float = 0.9
     """Share of rays with the same number on both sides from which on it is told: two that are read for themselves have
     few, whatever steps they are rounded to (a judgement, not calibrated)."""

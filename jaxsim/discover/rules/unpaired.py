@@ -38,6 +38,9 @@ class UnpairedRules:
     calibrated)."""
 
     # Frames, and kinds of surfaces.
+    unpaired_height_factor: float = 1.5
+    """Ratio of the sensors' heights over the ground from which on a note asks for the unit: cars' roofs differ by less
+    (a judgement, not calibrated)."""
     unpaired_same_m: float = 0.3
     """Frames of one name whose ranges agree this well (a judgement, not calibrated) ..."""
     unpaired_same_share: float = 0.5

@@ -66,19 +66,28 @@ class HeldAnswer(NamedTuple):
     """Where the sensor stands in a part of the recording."""
 
 
-@by_small_steps
-def judge_rest(
-    comparison: Comparison, mounting: Mounting, by: HeldAnswer, *, size: int = 0
-) -> tuple[EveryFrame, tuple[_Maps, _Maps]] | None:
-    """What the answer gains on the frames that were not read, `size` at a time (0: as many as judge scenes have now),
-    and the maps of their residuals before and after; None where there are none, or each frame is of a moment or at a
-    place of its own.
+class JudgedRest(NamedTuple):
+    """What frames say that were not read at first."""
 
-    Raises ValueError for frames that are no pair's, as `read_comparison` does.
-    """
+    every: EveryFrame | None = None
+    """None where there are none, or each frame is of a moment or at a place of its own."""
+    maps: tuple[_Maps, _Maps] | None = None
+    """Their residuals before and after."""
+    left_out: tuple[str, ...] = ()
+    """What is wrong with those that cannot be compared."""
+
+
+@by_small_steps
+def judge_rest(comparison: Comparison, mounting: Mounting, by: HeldAnswer, *, size: int = 0) -> JudgedRest:
+    """What the answer gains on the frames that were not read, `size` at a time (0: as many as judge scenes have
+    now)."""
     rest = comparison.rest
     if rest is None or mounting.comparison.other_moments or mounting.comparison.own_places:
-        return None
+        return JudgedRest()
+    # A damaged frame must not cost the answer that is there by now.
+    rest, left_out = rest.sound()
+    if not rest.names:
+        return JudgedRest(left_out=left_out)
     division = by.null_model.division
     judged, _ = division.blocks_of(division.parts.judge)
     size = size or len(np.unique(division.blocks.frame[judged]))
@@ -90,7 +99,7 @@ def judge_rest(
             add(sums, block_of(comparison, mounting, rest, names=names, by=by, size=size, number=number), by)
             bar.update(len(names))
     maps = tuple({name: pair[side].mean() for name, pair in sums.maps.items()} for side in (0, 1))
-    return every_frame_of(sums, by), (maps[0], maps[1])
+    return JudgedRest(every_frame_of(sums, by), (maps[0], maps[1]), left_out)
 
 
 class JudgedBlock(NamedTuple):

@@ -21,7 +21,7 @@ from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.regimes.find import Divided
 from jaxsim.discover.repeats.examine import formula_of
 from jaxsim.discover.show import effects_model_of, judged_by_reported, show_gap, with_placed, without_unconfirmed
-from jaxsim.discover.show.every_frame import HeldAnswer, judge_rest, rest_in_words
+from jaxsim.discover.show.every_frame import HeldAnswer, JudgedRest, judge_rest, rest_in_words
 from jaxsim.discover.show.explain import (
     all_named,
     coarse_shapes,
@@ -34,7 +34,7 @@ from jaxsim.discover.show.explain import (
 from jaxsim.discover.show.sensitivity import sensitivities
 from jaxsim.discover.stages.ask import Asked
 from jaxsim.discover.stages.complete import Completed
-from jaxsim.discover.verdict import EveryFrame, Fidelity, InPlace, Judged, Level, Result, Sensitivity, Verdict
+from jaxsim.discover.verdict import Fidelity, InPlace, Judged, Level, Result, Sensitivity, Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.progress import Log
 
@@ -47,7 +47,7 @@ class Shown:
     levels: tuple[Level, ...]
     objects: tuple[Fidelity, ...]
     sensitivity: tuple[Sensitivity, ...]
-    every_frame: EveryFrame | None
+    rest: JudgedRest
     maps: tuple[dict[str, Float[np.ndarray, "r c"]], dict[str, Float[np.ndarray, "r c"]]]
     """Residuals before and after, of all frames where these were judged."""
     alone: dict[str, float]
@@ -68,12 +68,13 @@ def show(asked: Asked, completed: Completed, *, every_frame: bool, log: Log) -> 
         ),
     )
     maps = judged.maps_before, judged.maps_after
-    every = None
+    rest = JudgedRest()
     if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
         held = HeldAnswer(found.null_model, added.chain, choice.problem.noise, asked.placed.knock)
-        every, maps = judge_rest(comparison, asked.placed.mounting, held) or (None, maps)
-    return Shown(judged, levels, objects, sensitive, every, maps, judged_by_reported(found.null_model, added))
+        rest = judge_rest(comparison, asked.placed.mounting, held)
+    alone = judged_by_reported(found.null_model, added)
+    return Shown(judged, levels, objects, sensitive, rest, rest.maps or maps, alone)
 
 
 def verdict_of(
@@ -81,7 +82,7 @@ def verdict_of(
 ) -> Verdict:
     """The answer in plain values, beside what was `given` of the sensor: what fits and judge scenes say, before what
     was put in place first is told with it."""
-    placed, every = asked.placed, shown.every_frame
+    placed, every = asked.placed, shown.rest.every
     answer, added = completed.answer, completed.added
     choice, null = answer.choice, placed.found.null_model.problem
     control, learned_before = placed.division.control, len(placed.mounting.known.learned)
@@ -116,6 +117,7 @@ def verdict_of(
             *notes(placed.comparison, placed.division, answer, held=given.names),
             *coarse_shapes(residuals(choice.problem, choice.problem.ev.all_blocks)["range"], shown.levels),
             *([rest_in_words(every)] if every else []),
+            *(f"left out: {why}" for why in shown.rest.left_out),
             *([asked.unrelated] if asked.unrelated else asked.one_material),
         ),
         seconds=seconds,

@@ -149,6 +149,41 @@ def equations(
     return Equations(gram, right, square, law.shape[1])
 
 
+class Patches(NamedTuple):
+    """The patches of a scene's rays, and how far the mean of each one's rays is its level."""
+
+    of_ray: Int[np.ndarray, " n"]
+    shrinkage: Float[np.ndarray, " q"]
+    """Of the sum of a patch's rays: one over their number and the prior's worth of rays."""
+
+    @classmethod
+    def of(cls, patch: Int[np.ndarray, " n"], prior_rays: float) -> Patches:
+        _, of_ray, count = np.unique(patch, return_inverse=True, return_counts=True)
+        return cls(of_ray, 1 / (count + prior_rays))
+
+    def levelled(self, values: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n m"]:
+        """Gives the values less their patches' levels."""
+        sums = np.zeros((len(self.shrinkage), values.shape[1]))
+        np.add.at(sums, self.of_ray, values)
+        return values - (self.shrinkage[:, None] * sums)[self.of_ray]
+
+
+def without_random(
+    off: Float[np.ndarray, " n"], random: RandomEffects, *, scene: Int[np.ndarray, " n"], variance: float
+) -> Float[np.ndarray, " n"]:
+    """Gives what is left of the rays' residuals once the random effects of each scene are estimated (best linear
+    unbiased predictors) and taken out, as its normal equations do."""
+    left = off.astype(float)
+    for s in np.unique(scene):
+        at = scene == s
+        patches = Patches.of(random.patch[at], variance / random.patch_sd**2)
+        columns = random.columns[at].astype(np.float64)
+        near = patches.levelled(columns)
+        own = np.linalg.solve(columns.T @ near + variance * np.diag(1 / random.sd**2), near.T @ left[at])
+        left[at] = patches.levelled((left[at] - columns @ own)[:, None])[:, 0]
+    return left
+
+
 def solve(pooled: Pooled, blocks: Sequence[Block]) -> Solution:
     """Blocks fitted together, with the law beside them."""
     columns = np.concatenate([block.columns for block in blocks])

@@ -9,14 +9,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
+from jaxsim.data.polar_frames import PolarFrames, open_polar_frames, scene_of
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
-from jaxsim.discover.read.checks import all_or_none, check_no_copies, check_one_grid, plausible, readings_of
+from jaxsim.discover.read import thin_frames
+from jaxsim.discover.read.checks import (
+    all_or_none,
+    check_all_differ,
+    check_no_copies,
+    check_one_grid,
+    check_sides,
+    constant_intensity,
+    levels_of,
+    plausible,
+    readings_of,
+)
+from jaxsim.discover.read.notes import sceneless, seconds_apart
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import MEDIAN_TO_SD
 from jaxsim.effects.places import rays_at
@@ -40,6 +53,9 @@ class SideFrames:
     images: tuple[PolarImage, ...]
     semantic: Int[np.ndarray, "f r c"] | None
     """Cityscapes ids."""
+    rasters: frozenset[str]
+    """Names of what the frames tell besides range and intensity."""
+    notes: tuple[str, ...]
 
     @property
     def digests(self) -> dict[str, bytes]:
@@ -110,19 +126,35 @@ class UnpairedComparison:
 
 
 def read_folder(frames: PolarFrames, word: str) -> SideFrames:
-    """One side's frames; `word` (simulated, measured) is for its scenes and errors. Raises ValueError as
-    `read_comparison` does."""
+    """One side's frames, as many as a fit can use; `word` (simulated, measured) is for its scenes and errors. Raises
+    ValueError as `read_comparison` does, and for frames of one drive that name no scene."""
+    about = [frames.about.get(name, {}) for name in frames.names]
+    notes = [f"{word} side: {note}" for note in sceneless(frames.names, about)]
+    if seconds_apart(about) < RULES.consecutive_s:
+        raise ValueError(
+            f"discover: {word} frames have no scene in grid.json, and their times are {seconds_apart(about):g} s "
+            f"apart: frames of one drive, it seems, which count as one, and {RULES.unpaired_fewest_scenes} are needed; "
+            "give each frame its scene, and more drives"
+        )
+    names = thin_frames(frames.names, [scene_of(name, frames) for name in frames.names], grid=frames.grid)
+    if len(names) < len(frames.names):
+        notes.append(f"{len(names)} of {len(frames.names)} {word} frames were read, spread evenly over the scenes")
     images, labels = [], []
-    for name in frames.names:
+    given: set[str] = set()
+    for name in names:
         image, rasters = frames.read(name)
         plausible(name, image, word)
         images.append(image)
+        given |= {*rasters}
         labels.append({key: value for key, value in rasters.items() if key == "semantic"})
-    all_or_none(frames.folder, frames.names, labels)
+    all_or_none(frames.folder, names, labels)
     known = bool(labels) and all(labels)
     semantic = np.stack([rasters["semantic"] for rasters in labels]).astype(np.int32) if known else None
-    scenes = tuple(f"{word}/{frames.about.get(name, {}).get('scene', name)}" for name in frames.names)
-    return SideFrames(frames.names, scenes, tuple(images), semantic)
+    scenes = tuple(f"{word}/{scene_of(name, frames)}" for name in names)
+    side = SideFrames(tuple(names), scenes, tuple(images), semantic, frozenset(given), tuple(notes))
+    # A frame that is there twice is two scenes that agree.
+    check_all_differ(frames.folder, side.digests)
+    return side
 
 
 def _noisy(image: PolarImage, noise_m: float, rng: np.random.Generator) -> Float[np.ndarray, "r c"]:
@@ -162,6 +194,8 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     ours = read_folder(predicted, "simulated")
     theirs = read_folder(recorded, "measured")
     check_no_copies(predicted, recorded, sides=(ours.digests, theirs.digests))
+    check_sides(predicted.folder, recorded.folder, rasters=(ours.rasters, theirs.rasters))
+    flat = constant_intensity(*([levels_of(image) for image in side.images] for side in (ours, theirs)))
     # What the simulated ranges lack of the measured ones' noise.
     noise_m = float(np.sqrt(max(theirs.roughness_m**2 - ours.roughness_m**2, 0.0)))
     steps = _steps(ours, theirs)
@@ -181,11 +215,11 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     scan = scan_of(grid, images, [{"semantic": frame if both else np.zeros_like(frame)} for frame in semantic])
     scenes = tuple(dict.fromkeys((*ours.scenes, *theirs.scenes)))
     frame_scene = np.array([scenes.index(name) for name in (*ours.scenes, *theirs.scenes)])
-    height, rise, bend, smooth = _surface(scan, len(ours.names))
+    surfaces = _surfaces(scan, len(ours.names))
     # A reading of 0 has no logarithm, and says only that it was too weak.
     dark = _bent_by_rounding(theirs, steps)
     lit = np.stack([np.asarray(image.intensity) > dark for image in images])
-    good = smooth & lit & (scan.incidence_rad < RULES.compared_below_rad)
+    good = surfaces.smooth & lit & (scan.incidence_rad < RULES.compared_below_rad)
     at = _thinned(good, frame_scene, rng, most=per_scene)
     rays = jax.tree.map(np.asarray, rays_at(scan, tuple(part.astype(np.int32) for part in at)))
     return UnpairedComparison(
@@ -193,9 +227,9 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
         scan=scan,
         rays=rays,
         log_intensity=np.log(np.maximum(scan.intensity[at], FLOOR)).astype(np.float64),
-        height_m=height[at],
-        rise=rise[at],
-        bend=bend[at],
+        height_m=surfaces.height_m[at],
+        rise=surfaces.rise[at],
+        bend=surfaces.bend[at],
         semantic=None if ours.semantic is None else semantic[at],
         shared_classes=both,
         scene=frame_scene[at[0]],
@@ -206,7 +240,17 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
         frames=(len(ours.names), len(theirs.names)),
         steps=steps,
         noise_m=noise_m,
-        notes=_same_streets(ours, theirs),
+        notes=(*ours.notes, *theirs.notes, *flat, *_other_heights(surfaces), *_same_streets(ours, theirs)),
+    )
+
+
+def _other_heights(surfaces: _Surfaces) -> tuple[str, ...]:
+    ours_m, theirs_m = surfaces.below_m
+    if not max(ours_m / theirs_m, theirs_m / ours_m) > RULES.unpaired_height_factor:
+        return ()
+    return (
+        f"the ground lies {ours_m:.2g} m below the simulated sensor and {theirs_m:.2g} m below the measured one: "
+        "ranges in another unit than metres on one side (feet), or another car?",
     )
 
 
@@ -250,8 +294,21 @@ def _steps(ours: SideFrames, theirs: SideFrames) -> dict[str, float]:
     return steps
 
 
-def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Height above the ground, vertical part of the normal, bend, and where a ray meets a smooth surface."""
+class _Surfaces(NamedTuple):
+    """What rays meet."""
+
+    height_m: Float[np.ndarray, "f r c"]
+    """Above the ground."""
+    rise: Float[np.ndarray, "f r c"]
+    """Vertical part of the normal."""
+    bend: Float[np.ndarray, "f r c"]
+    smooth: Bool[np.ndarray, "f r c"]
+    below_m: tuple[float, float]
+    """How far the ground lies below the simulated and the measured sensor; NaN where none is seen."""
+
+
+def _surfaces(scan: Scan, simulated: int) -> _Surfaces:
+    """What the rays of simulated frames, which come first, and of measured ones meet."""
     grid = scan.grid
     # Every beam from its own origin: those of a turning head stand centimetres apart.
     height = scan.range_m * np.asarray(directions(grid))[..., 2] + np.asarray(grid.origin_m)[:, None]
@@ -261,12 +318,13 @@ def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.nda
         normal, sure = normals(scan.range_m[k], scan.hit[k], grid)
         rise[k] = np.abs(np.asarray(normal)[..., 2])
         has_normal[k] = np.asarray(sure)
+    below_m: list[float] = []
     for side in (slice(None, simulated), slice(simulated, None)):
         # Roofs of cars and bridges are level too, but not below the sensor.
         level = has_normal[side] & (rise[side] > RULES.unpaired_level_rise) & (height[side] < -RULES.unpaired_below_m)
-        if level.any():
-            # Zero is the ground under each side's own sensor, whatever height its grid claims.
-            height[side] -= np.median(height[side][level])
+        # Zero is the ground under each side's own sensor, whatever height its grid claims.
+        below_m.append(float(-np.median(height[side][level])) if level.any() else np.nan)
+        height[side] += np.nan_to_num(below_m[-1])
     # On a plane 1 / range is straight along rows and columns.
     r = np.where(scan.hit, scan.range_m, np.nan).astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -275,7 +333,8 @@ def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.nda
     # np.roll carries the other end's rays to the borders.
     along_row[..., [0, -1]] = np.nan
     smooth = has_normal & scan.hit & (along_row < RULES.edge_bend)
-    return height, rise, np.nan_to_num(np.minimum(along_column, 1.0), nan=1.0), smooth
+    bend = np.nan_to_num(np.minimum(along_column, 1.0), nan=1.0)
+    return _Surfaces(height, rise, bend, smooth, (below_m[0], below_m[1]))
 
 
 def _thinned(

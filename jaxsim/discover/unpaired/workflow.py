@@ -30,7 +30,7 @@ from jaxsim.discover.show.gap import gap_of, share_of
 from jaxsim.discover.show.pictures import Bins, GridSums
 from jaxsim.discover.unpaired.columns import INCIDENCE_SET, untold
 from jaxsim.discover.unpaired.conditional import Conditional, compare
-from jaxsim.discover.unpaired.equations import Block, Equations, exchanged
+from jaxsim.discover.unpaired.equations import Block, Equations, exchanged, without_random
 from jaxsim.discover.unpaired.held_out import held_out_losses
 from jaxsim.discover.unpaired.lost import lattices, lost_rays
 from jaxsim.discover.unpaired.read import PER_SCENE, UnpairedComparison, read_unpaired
@@ -47,7 +47,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.progress import Log
 
 UNIT = "root mean square error of ln I, levels of surfaces taken out"
-CURVE_UNIT = "ln I, measured minus the law of both sides"
+CURVE_UNIT = "ln I, measured minus the law of both sides, levels of surfaces taken out"
 
 
 @by_small_steps
@@ -146,13 +146,13 @@ def unpaired_gap(problem: Conditional, steps: Sequence[Step[UnpairedCandidate]],
 
 
 def _residual(problem: Conditional, eq: Equations, change: Float[np.ndarray, " n"] | float) -> Float[np.ndarray, " n"]:
-    """Measured minus law and nuisances (and the change by effects), less the mean of each scene."""
+    """Measured minus law and nuisances (and the change by effects), less what is each scene's own: what the gap is the
+    mean square of."""
     solution = problem.solved([], eq)
     expected = problem.law @ solution.law + problem.side[:, problem.nuisance.columns] @ solution.side
     off = problem.y - expected - change
-    scene = problem.comparison.scene
     # Levels of streets are no error: materials differ from street to street.
-    return off - (np.bincount(scene, off) / np.bincount(scene))[scene]
+    return without_random(off, problem.random, scene=problem.comparison.scene, variance=problem.variance)
 
 
 def _curves(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.hidden.case import make_case
-from jaxsim.data.polar_frames import frame_names, read_frame
+from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame, write_grid
+from jaxsim.discover.read import read_comparison
 from jaxsim.discover.read.checks import agreement, check_partners
 from tests.discover.rooms import registered, rooms, seen
 
@@ -132,3 +133,26 @@ def test_another_street_is_refused_with_the_best_motion_found():
     theirs = [seen(room[::-1] * 0.6) for room in rooms(6, seed=9)]
     with pytest.raises(ValueError, match=r"% with the simulated sensor moved by .* deg in roll"):
         check_partners(names, ours, theirs, registered=registered(ours, theirs, names))
+
+
+def test_cosines_in_place_of_angles_are_told(tmp_path):
+    folder = tmp_path / "case"
+    make_case(folder, effect="none", **SMALL)
+    simulated, measured = folder / "simulated", folder / "measured"
+    read_comparison(simulated, measured)
+    for name in frame_names(simulated):
+        image, rasters = read_frame(simulated, name)
+        write_frame(simulated, name, image, **rasters | {"incidence": np.cos(rasters["incidence"])})
+    with pytest.raises(ValueError, match=r"falls where its range image says .* take arccos of cosines"):
+        read_comparison(simulated, measured)
+
+
+def test_a_scene_is_the_same_as_a_number_and_as_a_text(tmp_path):
+    folder = tmp_path / "case"
+    make_case(folder, effect="none", **SMALL)
+    for side, kind in (("simulated", int), ("measured", str)):
+        grid, about = read_grid(folder / side)
+        names = frame_names(folder / side)
+        facts = {name: {**about.get(name, {}), "scene": kind(k // 2)} for k, name in enumerate(names)}
+        write_grid(folder / side, grid, frames=facts)
+    assert read_comparison(folder / "simulated", folder / "measured").scenes == ("0", "0", "1", "1", "2", "2")

@@ -1,12 +1,13 @@
 """Frames that do not fit are judged block by block: sums do not depend on the blocks, and one is held at a time."""
 
+import shutil
 from dataclasses import replace
 
 import jax
 import numpy as np
 import pytest
 
-from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.data.polar_frames import open_polar_frames, write_frame, write_grid
 from jaxsim.discover import read
 from jaxsim.discover.find.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.model.cast import cast
@@ -15,7 +16,7 @@ from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.mounting.constant import Mounting
 from jaxsim.discover.read import read_comparison
 from jaxsim.discover.show import every_frame
-from jaxsim.discover.show.every_frame import HeldAnswer, block_of, judge_rest
+from jaxsim.discover.show.every_frame import HeldAnswer, JudgedRest, block_of, judge_rest
 from jaxsim.effects import get_effect
 from jaxsim.frame import PolarImage
 from tests.discover.toy import toy
@@ -75,7 +76,8 @@ def rest_of(judged, size):
 def test_all_frames_that_were_not_read_are_judged_two_at_a_time(judged, by_two):
     comparison, _ = judged
     assert len(comparison.rest.names) == FRAMES - READ
-    (told, (before, after)), taken = by_two
+    (told, (before, after), left_out), taken = by_two
+    assert left_out == ()
     assert taken == [2, 2, 2]
     assert told.frames == told.scenes == told.unseen == FRAMES - READ
     assert told.gained["intensity"].low > 0
@@ -87,7 +89,7 @@ def test_all_frames_that_were_not_read_are_judged_two_at_a_time(judged, by_two):
 
 def test_sums_do_not_depend_on_the_blocks(judged, by_two):
     # Five at a time: the last block is filled up with a frame that counts once.
-    (few, few_maps), (many, many_maps) = by_two[0], rest_of(judged, 5)
+    (few, few_maps, _), (many, many_maps, _) = by_two[0], rest_of(judged, 5)
     assert many.frames == few.frames
     for name, one in many.gained.items():
         assert few.gained[name].value == pytest.approx(one.value, rel=0.03, abs=0.3), name
@@ -98,7 +100,7 @@ def test_sums_do_not_depend_on_the_blocks(judged, by_two):
 
 
 def test_a_frame_that_the_answer_serves_ill_is_listed_first(judged, by_two):
-    (told, _), _ = by_two
+    told = by_two[0].every
     assert f"f{ODD:02d}" in judged[0].rest.names
     assert (told.worst[0].name, told.worst[0].scene) == (f"f{ODD:02d}", f"street{ODD}")
     assert told.worst[0].nats < told.worst[1].nats
@@ -119,4 +121,23 @@ def test_frames_that_were_traced_before_stand_beside_new_ones_as_if_traced_toget
 def test_where_all_frames_fit_nothing_is_left_to_judge(judged):
     comparison, by = judged
     whole = replace(comparison, rest=None)
-    assert judge_rest(whole, Mounting((), whole, NOTHING_YET), by) is None
+    assert judge_rest(whole, Mounting((), whole, NOTHING_YET), by) == JudgedRest()
+
+
+def test_a_frame_that_cannot_be_read_costs_itself_alone(judged, tmp_path):
+    comparison, by = judged
+    folders = {side: tmp_path / side for side in ("simulated", "measured")}
+    for side, folder in folders.items():
+        shutil.copytree(getattr(comparison.rest, side).folder, folder)
+    cut, classless, *others = comparison.rest.names
+    whole = (folders["measured"] / f"{cut}.npz").read_bytes()
+    (folders["measured"] / f"{cut}.npz").write_bytes(whole[: len(whole) // 2])
+    image, rasters = comparison.rest.simulated.read(classless)
+    del rasters["semantic"]
+    write_frame(folders["simulated"], classless, image, **rasters)
+    sides = {side: open_polar_frames(folder) for side, folder in folders.items()}
+    damaged = replace(comparison, rest=replace(comparison.rest, **sides))
+    found = judge_rest(damaged, Mounting((), damaged, NOTHING_YET), by, size=2)
+    assert found.every.frames == len(others)
+    assert f"{cut}.npz" in found.left_out[0]
+    assert found.left_out[1] == f"{classless} of {folders['simulated']} lacks semantic"

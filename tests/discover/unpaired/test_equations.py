@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.unpaired.columns import curve
-from jaxsim.discover.unpaired.equations import Block, RandomEffects, equations, exchanged, freedom, lowered, solve
+from jaxsim.discover.unpaired.equations import (
+    Block,
+    RandomEffects,
+    equations,
+    exchanged,
+    freedom,
+    lowered,
+    solve,
+    without_random,
+)
 
 
 def model(n=600, scenes=6, seed=0):
@@ -28,6 +37,17 @@ def test_equations_are_generalised_least_squares():
     a = x.T @ np.linalg.solve(cov, x) + np.diag([1.0] * law.shape[1] + [1e-9])
     expected = np.linalg.solve(a, x.T @ np.linalg.solve(cov, y))
     np.testing.assert_allclose([*solution.law, *solution.side], expected, rtol=1e-6)
+
+
+def test_what_is_left_of_residuals_is_what_the_covariance_of_scenes_leaves():
+    _, side, scene, _, patch, y = model()
+    slopes = np.concatenate([np.ones((len(y), 1)), side], axis=1)
+    random = RandomEffects(slopes, np.array([0.3, 0.1]), patch, 0.2)
+    same = scene[:, None] == scene
+    cov = 0.2**2 * (patch[:, None] == patch) + same * (slopes * [0.3**2, 0.1**2] @ slopes.T)
+    # Of readings with covariance cov + noise, what the noise has of them.
+    expected = 0.01 * np.linalg.solve(cov + 0.01 * np.eye(len(y)), y)
+    np.testing.assert_allclose(without_random(y, random, scene=scene, variance=0.01), expected, atol=1e-9)
 
 
 def test_exchanged_scenes_lower_the_loss_less_than_the_true_ones():
