@@ -111,12 +111,14 @@ class DatasetKind:
     """Of its files, by the name that model hubs use: what is learned from them must heed it."""
     of_scenes: bool = False
     """Whether some of its scenes can be chosen. Of pairs they are those that the frames were chosen by."""
+    of_files: bool = True
+    """Whether its frames lie in a folder."""
 
 
 KITTIS = partial(DatasetKind, licence="cc-by-nc-sa-3.0")
 """A kind of KITTI's, or of Virtual KITTI's."""
 DATASETS: dict[str, DatasetKind] = {
-    "synthetic": DatasetKind(_synthetic, licence="apache-2.0"),
+    "synthetic": DatasetKind(_synthetic, licence="apache-2.0", of_files=False),
     "kitti_raw": KITTIS(lambda config: KittiRaw(_root(config), rows=config.rows)),
     "kitti_object": KITTIS(lambda config: KittiObject(_root(config), rows=config.rows)),
     "kitti_tracking": KITTIS(
@@ -139,7 +141,8 @@ DATASETS: dict[str, DatasetKind] = {
 def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Dataset:
     """The data set that a config, or a kind, names; in the folder `root`, where it is given.
 
-    Raises ValueError for an unknown kind, a missing root, and scenes of a kind that has no scenes to choose.
+    Raises ValueError for an unknown kind, a root that is missing or that a kind does not read, and scenes of a kind
+    that has no scenes to choose.
     """
     # Any text may come: a config refuses a kind that is none.
     config = DataConfig(kind=source) if isinstance(source, str) else source  # type: ignore[arg-type]
@@ -151,6 +154,12 @@ def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Da
         raise ValueError(
             f"data: kind {config.kind} takes no scenes ({' '.join(config.scenes)}): leave --data.scenes out, and name "
             "frames by numbers, or by a part of the set, as drive_0009 of kitti_raw"
+        )
+    if config.root and not kind.of_files:
+        others = ", ".join(name for name, one in DATASETS.items() if one.of_files)
+        raise ValueError(
+            f"data: kind {config.kind} reads no files, and {config.root} was given as its folder: name the kind of "
+            f"what lies there (--data.kind, of {others}), or leave --data.root out"
         )
     return kind.open(config)
 

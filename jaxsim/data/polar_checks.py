@@ -142,6 +142,11 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             right = "(rows, columns, 3), red, green, blue" if name == "rgb" else "(rows, columns)"
             raise ValueError(f"polar frames: {path}: {name} is {array.shape}; it must be {right}")
     range_m, intensity = arrays["range"], arrays["intensity"]
+    if range_m.dtype == np.float16:
+        # Its steps would be taken for the sensor's.
+        raise ValueError(
+            f"polar frames: {path}: range holds float16, whose steps are 4 mm at 5 m and 6 cm at 70 m; write float32"
+        )
     for name, array in known.items():
         if array.shape[:2] != range_m.shape:
             raise ValueError(

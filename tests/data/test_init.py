@@ -23,6 +23,11 @@ def test_a_folder_beside_a_config_is_the_one_that_is_read(tmp_path):
         open_dataset(DataConfig(kind="kitti_raw", root=tmp_path / "other"), tmp_path)
 
 
+def test_a_folder_that_nothing_is_read_from_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"kind synthetic reads no files.*--data\.kind, of kitti_raw, .*prepared\)"):
+        open_dataset(DataConfig(kind="synthetic", root=tmp_path))
+
+
 def test_scenes_of_a_kind_that_has_none_to_choose_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"kitti_raw takes no scenes \(drive_0001\): leave --data\.scenes out"):
         open_dataset(DataConfig(kind="kitti_raw", root=tmp_path, scenes=("drive_0001",)))

@@ -48,6 +48,7 @@ WORDS = np.full((3, 5), "road")
         ("range", np.ones((3, 5), complex), "range holds complex128; it must hold real numbers"),
         ("range", WORDS, "range holds <U4"),
         ("range", np.ones((3, 5), bool), "range holds bool; it must hold real numbers"),
+        ("range", np.ones((3, 5), np.float16), "range holds float16, whose steps are .* write float32"),
         ("range", np.ones((3, 5, 1)), r"range is \(3, 5, 1\); it must be \(rows, columns\)"),
         ("semantic", WORDS, "semantic holds <U4"),
         ("semantic", np.ones((3, 5, 1), np.uint8), r"semantic is \(3, 5, 1\); it must be \(rows, columns\)"),
