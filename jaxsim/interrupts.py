@@ -7,12 +7,16 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _AGAIN_S = 0.05
+PARENT = "JAXSIM_PARENT"
+"""The process that a program works for, and with which it is to end."""
+_LOOK_EVERY_S = 1.0
 
 
 class Terminated(KeyboardInterrupt):
@@ -94,6 +98,28 @@ def unheard_by_children() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def ends_with_me() -> dict[str, str]:
+    """What the environment of a process says that is to end with this one, by `end_with_parent`."""
+    return {PARENT: str(os.getpid())}
+
+
+def end_with_parent() -> None:
+    """Sends this process SIGTERM once the process is gone that started it with `ends_with_me`: killed by no signal that
+    could be handled (SIGKILL, as of a machine out of memory), it would leave its work to one that nobody waits for."""
+    # Not for processes that this one starts.
+    parent = os.environ.pop(PARENT, "")
+    if not parent.isdecimal():
+        return
+
+    def watch() -> None:
+        # An orphan is given to another parent.
+        while os.getppid() == int(parent):
+            time.sleep(_LOOK_EVERY_S)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True, name="parent").start()
 
 
 _given_up = threading.Event()

@@ -7,9 +7,19 @@ import sys
 import threading
 import time
 
+import psutil
 import pytest
 
-from jaxsim.interrupts import SIGNALS, Terminated, apart, terminable, unheard_by_children, uninterrupted
+from jaxsim.interrupts import (
+    PARENT,
+    SIGNALS,
+    Terminated,
+    apart,
+    end_with_parent,
+    terminable,
+    unheard_by_children,
+    uninterrupted,
+)
 from tests.programs import PATIENCE_S
 
 
@@ -134,3 +144,39 @@ except KeyboardInterrupt:
 def test_work_that_was_given_up_does_not_hold_the_end_up():
     ended = subprocess.run([sys.executable, "-c", GIVEN_UP], capture_output=True, text=True, timeout=PATIENCE_S)
     assert (ended.returncode, ended.stdout, ended.stderr) == (143, "said\n", "")
+
+
+STARTS_ANOTHER = """
+import os, subprocess, sys, time
+from jaxsim.interrupts import ends_with_me
+subprocess.Popen([sys.executable, "-c", sys.argv[1]], env={**os.environ, **ends_with_me()})
+time.sleep(600)
+"""
+WORKS = """
+import os, time
+from jaxsim.interrupts import Terminated, end_with_parent, terminable
+try:
+    with terminable():
+        end_with_parent()
+        print(os.getpid(), "JAXSIM_PARENT" in os.environ, flush=True)
+        time.sleep(600)
+except Terminated:
+    print("saved", flush=True)
+"""
+
+
+def test_a_process_ends_in_order_with_the_one_that_it_works_for():
+    command = [sys.executable, "-c", STARTS_ANOTHER, WORKS]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        number, inherited = parent.stdout.readline().split()
+        assert (psutil.pid_exists(int(number)), inherited) == (True, "False")
+        parent.kill()
+        # Both write to one pipe, which closes when both are gone.
+        assert parent.communicate(timeout=PATIENCE_S)[0] == "saved\n"
+
+
+def test_a_process_that_works_for_none_goes_on(monkeypatch):
+    monkeypatch.delenv(PARENT, raising=False)
+    before = threading.active_count()
+    end_with_parent()
+    assert threading.active_count() == before

@@ -18,6 +18,7 @@ from jaxsim.cli.commands import COMMANDS, MODES
 from jaxsim.cli.console import tell_on_console, without_quiet
 from jaxsim.cli.endings import stop_on_error
 from jaxsim.cli.running import call, check_mode, find_command, overview
+from jaxsim.interrupts import end_with_parent
 
 __all__ = ["COMMANDS", "MODES", "main", "stop_on_error"]
 
@@ -28,6 +29,7 @@ def main(argv: list[str] | None = None) -> None:
     atexit.register(gc.freeze)
     words = without_quiet(sys.argv[1:] if argv is None else argv)
     with stop_on_error():
+        end_with_parent()
         tell_on_console()
         for word in words:
             word.encode()  # no record, report or checkpoint could hold a name of other letters: told before any work

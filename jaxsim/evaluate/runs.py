@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from jaxsim.config import DataConfig, RunConfig
-from jaxsim.data import open_dataset
+from jaxsim.data import Dataset, open_dataset
 from jaxsim.data.records import PreparedPairs
 from jaxsim.data.seen import SplitSide, warn_of_seen, warn_of_seen_pairs
 from jaxsim.detect.results import Detected
@@ -28,6 +29,7 @@ from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.learned_sensor import LearnedSensor
 from jaxsim.simulate.predict import make_predict
 
+_log = logging.getLogger(__name__)
 MEAN_OF = 5
 """Checkpoints that a run's mean is over. The paper averages five epochs; a checkpoint is an epoch where the run saved
 with `save_every` 0."""
@@ -66,30 +68,34 @@ def score_learned_sensor(
 ) -> LearnedSensorScores:
     """Scores a learned sensor on frames of a data set, chosen by `judges_of`.
 
-    The baselines are fitted to the training frames of the run's own data set, with `trees` boosted trees too. The
-    run's frames are those that are `recorded`, whatever joined the data set since. Raises ValueError for frames that
+    The baselines are fitted to the training frames of the run's own data set, with `trees` boosted trees too; where
+    that is not to be had there are none. The run's frames are those that are `recorded`, whatever joined the data set
+    since, and wherever it was moved. Raises ValueError for frames that
     are not there, and where there are too few for the extractor's features.
     """
     # Frames: those to judge, the one before each, and those that the baselines average.
     of_run = learned.run.experiment.data
     prepare = learned.run.experiment.prepare
-    own_dataset = open_dataset(of_run)
-    dataset = open_dataset(data) if data != of_run else own_dataset
-    of_set = recorded if _same(data, of_run) else None
+    dataset = open_dataset(data)
+    own = _own_set(of_run, data, dataset, recorded=recorded)
+    of_set = recorded if own and _same(data, own) else None
     positions = judges_of(of_set, dataset, frames=frames, validation=validation)
     judged = prepared(dataset, positions, data, prepare=prepare)
     # What `previous frame` copies; it need not be among the judged.
     before = pairs_before(dataset, positions, data, prepare=prepare)
-    learned_from = positions_of(recorded and recorded.train, own_dataset, text=of_run.train, part="training")
-    train = prepared(own_dataset, learned_from, of_run, prepare=prepare)
-    warn_of_seen_pairs(train, judged)
+    train = None
+    if own:
+        own_dataset = dataset if data == own else open_dataset(own)
+        learned_from = positions_of(recorded and recorded.train, own_dataset, text=own.train, part="training")
+        train = prepared(own_dataset, learned_from, own, prepare=prepare)
+        warn_of_seen_pairs(train, judged)
     if extractor:
         require_images(len(judged), extractor.width, name=extractor.score)
 
     # Scores: the network and the baselines, on the same cells.
     predict = make_predict(learned.generate, prepare)
     networks = network_sums(predict, learned.params, judged)
-    sums = {"network": networks, **baseline_sums(train, judged, before, trees=trees)}
+    sums = {"network": networks, **(baseline_sums(train, judged, before, trees=trees) if train else {})}
     # The previous frame is there of some frames alone: it has scores, and no interval beside the others'.
     whole = {name: frames for name, frames in sums.items() if len(frames) == len(judged)}
     scenes = list(judged.scenes)
@@ -111,6 +117,24 @@ def score_learned_sensor(
         distribution=coverage(predict, learned.params, judged),
         frechet=frechet,
     )
+
+
+def _own_set(
+    of_run: DataConfig, data: DataConfig, dataset: Dataset, *, recorded: RunFrames | None
+) -> DataConfig | None:
+    """The data set that a run learned from, where it lies now: where the run says, or, if nothing is there any more, in
+    the `dataset` of `data` that holds frames which are `recorded`. None, with a warning, where it is not to be had."""
+    if of_run.root is None or of_run.root.exists():
+        return of_run
+    moved = replace(of_run, root=data.root)
+    known = {*recorded.train} if recorded else set()
+    if _same(data, moved) and (not known or any(dataset.name_of(i) in known for i in range(len(dataset)))):
+        return moved
+    _log.warning(
+        f"{of_run.root}, from which the run learned, is not there: the network is judged without baselines, which are "
+        "fitted to those frames"
+    )
+    return None
 
 
 def _same(data: DataConfig, of_run: DataConfig) -> bool:

@@ -9,9 +9,10 @@ import logging
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from importlib.metadata import version
+from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, TypeVar
@@ -25,7 +26,7 @@ from jaxsim.config.ranges import Role, settings_of
 from jaxsim.files import check_size, claim, digest, first_line, lock, placed, read_json
 from jaxsim.frame import Array, CameraFrame
 from jaxsim.geometry import LidarSpec
-from jaxsim.runs.frames import FRAMES, RunFrames, write_frames
+from jaxsim.runs.frames import FRAMES, RunFrames, read_frames, write_frames
 from jaxsim.runs.kinds import KINDS, AnyExperiment, AnyRun, DetectorRun, Kind, Matrix, Run, kind_in, kind_of
 
 Loaded = TypeVar("Loaded", bound=AnyRun)
@@ -92,9 +93,20 @@ def _claim(folder: Path, experiment: AnyExperiment, *, text: bytes | None = None
         # A run that has saved something began with settings, wherever their file has gone.
         filled=(folder / "config.json").is_file() or any((folder / "checkpoints").glob("*")),
         read=lambda _: kind.plain(load_run(folder, kind.run).experiment),
-        free=[*settings_of(kind.experiment, *RESUMED)],
+        free=[*settings_of(kind.experiment, *RESUMED), *_moved(folder, kind)],
         instead="another --run.name",
     )
+
+
+def _moved(folder: Path, kind: Kind) -> list[str]:
+    """Settings that say where data lie and are not true any more, of a run that knows its frames by name: these are
+    looked for wherever the data are now."""
+    with suppress(ValueError):  # what is damaged is told by who needs it
+        if read_frames(folder):
+            experiment = load_run(folder, kind.run).experiment
+            places = {name: attrgetter(name)(experiment) for name in settings_of(kind.experiment, "file")}
+            return [name for name, place in places.items() if isinstance(place, Path) and not place.exists()]
+    return []
 
 
 def _read(folder: Path | str) -> tuple[Kind, Any]:

@@ -17,7 +17,7 @@ from jaxtyping import PyTree
 
 from jaxsim import devices
 from jaxsim.detect import LeftOut
-from jaxsim.interrupts import uninterrupted
+from jaxsim.interrupts import ends_with_me, uninterrupted
 from jaxsim.progress import Progress
 from jaxsim.report.pictures import save_picture
 from jaxsim.runs.kinds import AnyExperiment, kind_of
@@ -189,8 +189,8 @@ def training_of(experiment: AnyExperiment) -> Training:
 
 def train_apart(*arguments: str | Path, trainer: Sequence[str] = TRAINER) -> int:
     """Runs `jaxsim train ARGUMENTS`, or another `trainer`, in a process of its own, which gives its memory back and
-    whose kill costs no other; its exit status."""
-    environment = dict(os.environ)
+    whose kill costs no other and which ends with this one; its exit status."""
+    environment = {**os.environ, **ends_with_me()}
     if (CONFIGS.parent / "jaxsim").is_dir():  # a checkout, which need not be installed
         paths = (str(CONFIGS.parent), os.environ.get("PYTHONPATH", ""))
         environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)

@@ -51,3 +51,30 @@ def test_a_run_is_judged_by_name_where_a_drive_that_sorts_first_joined_its_data(
     caplog.clear()
     score_learned_sensor(sensor, own, frames="1-2", recorded=recorded)
     assert any("2 of the 2 frames that judge are training frames too" in m and learned[0] in m for m in caplog.messages)
+
+
+def test_a_run_is_judged_wherever_its_data_have_gone(raw_root, tmp_path, caplog):
+    data = {"kind": "kitti_raw", "root": raw_root, "train": "0-1", "validation": "2", "cache": tmp_path / "cache"}
+    experiment = tiny_experiment(**data)
+    prepare = replace(experiment.prepare, inputs=("rgb",), depth="ip_basic")
+    sensor = load(untrained_run(tmp_path / "run", replace(experiment, prepare=prepare)))
+    own = sensor.run.experiment.data
+    recorded = RunFrames(
+        tuple(f"2011_09_26_drive_0001_sync-{k:010d}" for k in range(2)), ("2011_09_26_drive_0002_sync-0000000000",)
+    )
+    before = score_learned_sensor(sensor, own, validation=own.validation, recorded=recorded)
+    moved = raw_root.rename(raw_root.parent / "moved")
+    after = score_learned_sensor(sensor, replace(own, root=moved), validation=own.validation, recorded=recorded)
+    assert after.pairs.names == before.pairs.names
+    assert after.scores == before.scores
+
+    # Where only other drives are, the network is judged alone.
+    others = tmp_path / "others"
+    drive = "2011_09_26/2011_09_26_drive_0001_sync"
+    shutil.copytree(moved / drive, others / drive.replace("0001", "0009"))
+    for file in (moved / "2011_09_26").glob("*.txt"):
+        shutil.copy(file, others / "2011_09_26")
+    caplog.clear()
+    alone = score_learned_sensor(sensor, replace(own, root=others), frames="0", recorded=recorded)
+    assert list(alone.scores) == ["network"]
+    assert any("is judged without baselines" in message for message in caplog.messages)

@@ -141,3 +141,23 @@ def test_a_refused_run_leaves_the_names_of_frames_as_they_were(tmp_path):
     with pytest.raises(ValueError, match=r"optim\.lr"):
         start_run(tmp_path, run(lr=0.1), RunFrames(("c",), ("b",)))
     assert read_frames(tmp_path).train == ("a",)
+
+
+def test_a_run_whose_data_have_moved_resumes_where_it_knows_its_frames_by_name(tmp_path):
+    def on(root):
+        data = dataclasses.replace(Experiment().data, kind="kitti_raw", root=root)
+        return describe_run(dataclasses.replace(Experiment(), data=data), preset("hdl64e"), VIEW)
+
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    frames = RunFrames(("a",), ("b",))
+    start_run(tmp_path / "run", on(here), frames)
+    with pytest.raises(ValueError, match=r"data\.root was"):
+        start_run(tmp_path / "run", on(there), frames)
+    here.rename(there)
+    start_run(tmp_path / "run", on(there), frames)
+    assert load_run(tmp_path / "run").experiment.data.root == there
+    # Without names others would be taken for them.
+    start_run(tmp_path / "earlier", on(here))
+    with pytest.raises(ValueError, match=r"data\.root was"):
+        start_run(tmp_path / "earlier", on(there))
