@@ -21,6 +21,7 @@ from contextlib import contextmanager, suppress
 
 from jaxsim.interrupts import Terminated, leave, terminable
 
+STOPPED = "stopped; files that were finished stay, and the same command goes on with what is missing"
 DAMAGE = (zlib.error, zipfile.BadZipFile, EOFError, RecursionError)
 """Errors of files that no reader has named: what the packages that unpack them raise."""
 _REMEDIES = {
@@ -54,8 +55,7 @@ def stop_on_error(status: int = 1) -> Iterator[None]:
         if os.environ.get("JAXSIM_TRACEBACK"):
             raise
         with suppress(OSError):  # stderr may be gone by now
-            line = str(stop) or "stopped; what was finished is kept, and the same command goes on"
-            print(f"\n{line}", file=sys.stderr, flush=True)
+            print(f"\n{str(stop) or STOPPED}", file=sys.stderr, flush=True)
         leave(143 if isinstance(stop, Terminated) else 130)
     except Exception as error:
         message = words_of(error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -62,8 +63,11 @@ def ask_gate(path: Path, out: Path, compare: Callable[[], Compared]) -> int:
             checks, notes = check_verdict(gate, shown), shown.notes
         else:
             checks = check_quick(gate, shown)
-    except (ValueError, OSError) as error:
-        checks = (Check("comparison", "unsure", words_of(error) or str(error)),)
+    except Exception as error:
+        words = words_of(error)
+        if words is None:  # a fault of jaxsim's own, or of an effect of the user's, is no gap of a simulation either
+            traceback.print_exc()
+        checks = (Check("comparison", "unsure", words or f"{type(error).__name__}: {error}"),)
     colour = colour_of(checks)
     write_text(out / "junit.xml", junit(checks, seconds=time.monotonic() - begun))
     page = markdown(checks, title=TITLES[colour], notes=notes)

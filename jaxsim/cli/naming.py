@@ -77,9 +77,9 @@ class Naming(Sides):
         else:
             given = self.in_place(rows)
             result = discover_folders(**both, **given, nulls=self.nulls, every_frame=self.every_frame)
-            write_sides(self.out, simulated, measured)
+        write_sides(self.out, simulated, measured)
         report = write_answer(self.out, result)
-        print(f"\n{verdict_sentence(result.verdict)}\n\n{report}; beside it verdict.json, sensor.json, figures/")
+        print(f"\n{verdict_sentence(result.verdict)}\n\n{report}; its data in verdict.json, sensor.json, sides.json")
         return result.verdict
 
     def in_place(self, rows: int | None = None) -> dict[str, Any]:

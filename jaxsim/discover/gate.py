@@ -37,6 +37,7 @@ Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
 """Allowed where what nothing describes may be missing, too."""
 NOT_COMPARED = "the channel was not compared"
+OTHER_KIND = "an answer of another kind (--unpaired, or an older one)"
 NOT_ASKED = "the two sides' intensities have no relation to each other, so no effect on them was asked"
 LEFT = ("unexplained", "repeats")
 """Keys of a verdict.json for what no effect describes; it may stand beside effects that are named."""
@@ -203,10 +204,12 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     if verdict.unrelated and not gate.baseline.get("unrelated"):
         checks.append(Check("effects on intensity", "unsure", NOT_ASKED))
 
-    def at_most(channel: str, most: float, *, name: str, limit: str) -> Check:
+    def at_most(channel: str, most: float, *, name: str, limit: str, unit: str | None = None) -> Check:
         gap = verdict.gap.get(channel)
         if gap is None or not np.isfinite(gap.before):
             return Check(name, "unsure", NOT_COMPARED)
+        if unit not in (None, gap.unit):
+            return Check(name, "unsure", f"in {gap.unit} here and in {unit} in the baseline: {OTHER_KIND}")
         return Check(name, "pass" if gap.before <= most else "gap", f"{gap.before:.4g} {gap.unit}, {limit}")
 
     for channel, most in gate.thresholds.items():
@@ -215,7 +218,8 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
         # What was not compared before is null, and the closure has no distance.
         if isinstance(old, dict) and isinstance(old.get("before"), int | float):
             most, limit = old["before"] * (1 + RULES.gate_worse_share), f"{old['before']:.4g} before"
-            checks.append(at_most(channel, most, name=f"{channel} against baseline", limit=limit))
+            name = f"{channel} against baseline"
+            checks.append(at_most(channel, most, name=name, limit=limit, unit=old.get("unit")))
     return tuple(checks)
 
 

@@ -265,11 +265,13 @@ def _slopes(effect: Effect, values: dict[str, Any], before: Rays, *, scan: Scan,
         return sum((jnp.where(jnp.abs(x) < 1e9, x, 0.0).sum() for x in floats), jnp.float32(0))
 
     try:
+        # Fits compile it, to which an `if` on a parameter is one on an unknown number.
+        jax.eval_shape(total, values)
         slopes = jax.grad(total)(values)
     except Exception as error:
         raise ValueError(
-            f"apply has no derivative at {setting}: {type(error).__name__}: {error}; write it with jax.numpy, without "
-            "`if` on arrays"
+            f"apply has no derivative at {setting}: {type(error).__name__}: {_first_line(error)}; write it with "
+            "jax.numpy, without `if` on arrays or parameters (jnp.where)"
         ) from error
     for name, slope in slopes.items():
         if not jnp.isfinite(slope).all():
@@ -278,6 +280,10 @@ def _slopes(effect: Effect, values: dict[str, Any], before: Rays, *, scan: Scan,
                 "from 0 on every ray, also where jnp.where does not choose them"
             )
     return {name for name, slope in slopes.items() if jnp.any(slope != 0)}
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [""])[0]
 
 
 def _touched(effect: Effect, before: Rays, after: Rays, *, scan: Scan, values: Mapping[str, Any]) -> set[str]:

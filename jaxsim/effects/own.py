@@ -84,7 +84,7 @@ def load_file(path: Path) -> OwnEffect:
     sys.modules[module.__name__] = module
     try:
         exec(compile(code, str(path), "exec"), module.__dict__)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         more = "; `jaxsim effects new NAME` writes a file with every field" if isinstance(error, TypeError) else ""
         raise ValueError(f"effects: {_line_of(path, error)}: {type(error).__name__}: {error}{more}") from error
     if "EFFECT" not in vars(module):
@@ -106,7 +106,7 @@ def own_effect(effect: Any, origin: Origin, where: str) -> OwnEffect:
     return own
 
 
-def _line_of(path: Path, error: Exception) -> str:
+def _line_of(path: Path, error: BaseException) -> str:
     """The file, and the line of it that an error came from."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     line = lines[-1] if lines else getattr(error, "lineno", None)

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from jaxsim.discover.verdict import NullDraws, Result, Verdict
 from jaxsim.files import write_text
+from jaxsim.progress import counted
 from jaxsim.report import page
 from jaxsim.report.accounts import could_show, learned, own_effects, residual_clouds, where_it_stood
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
@@ -126,11 +127,12 @@ def _chance(verdict: Verdict, draw: DrawChart) -> Markup:
         return EMPTY
     count = len(nulls.gains)
     words = (
-        f"{count} measurements in which nothing is missing were drawn (this simulation with what is left of these "
-        "data, its sign changed scene by scene) and named in like the measured one. On "
-        f"{nulls.answered} of them something would have been said with the bar that was set on other streets. Here an "
-        f"effect must gain more than the strongest on any of them ({number(nulls.bar)} nats a scene), a free curve "
-        f"more than any did ({number(nulls.free_bar)})."
+        f"{counted(count, 'measurement')} in which nothing is missing {'was' if count == 1 else 'were'} drawn (this "
+        "simulation with what is left of these data, its sign changed scene by scene) and named in like the measured "
+        f"one. On {nulls.answered} of them something would have been said with the bar that was set on other streets. "
+        f"Here an effect must gain more than that bar and than the strongest on any of them ({number(nulls.bar)} nats "
+        f"a scene), a free curve more than any did ({number(nulls.free_bar)}). So many draws hold false names to about "
+        f"one in {count + 1}."
     )
     caption = (
         f"Gains that pass every test but the bar, nats a scene. Below: of the strongest effect on each of {count} "

@@ -102,7 +102,7 @@ def test_a_signal_is_one_line_and_its_status(tmp_path, number, status):
         process.send_signal(number)
         said = process.communicate(timeout=PATIENCE_S)[0]
     assert process.returncode == status
-    assert said.strip() == "stopped; what was finished is kept, and the same command goes on"
+    assert said.strip() == "stopped; files that were finished stay, and the same command goes on with what is missing"
 
 
 def jaxsim(*words: str | Path, work: Path, **more) -> subprocess.CompletedProcess[str]:

@@ -40,6 +40,11 @@ def unreadable():
     raise PermissionError(errno.EACCES, "Permission denied", "measured")
 
 
+def broken():
+    """A fault of nobody's files."""
+    return {}["x"]
+
+
 @pytest.mark.parametrize(
     ("most", "compare", "status", "title"),
     [
@@ -48,6 +53,7 @@ def unreadable():
         (0.095, lambda: DISTANCES, 2, "This cannot be judged for certain"),
         (0.2, refused, 2, "This cannot be judged for certain"),
         (0.2, unreadable, 2, "This cannot be judged for certain"),
+        (0.2, broken, 2, "This cannot be judged for certain"),
     ],
 )
 def test_the_status_is_the_colour_and_frames_that_cannot_be_compared_are_unsure(

@@ -355,6 +355,16 @@ def test_a_baseline_passes_itself(tmp_path, result):
     assert colour_of(check_verdict(gate(tmp_path, baseline="verdict.json"), verdict)) == "pass"
 
 
+def test_a_baseline_of_another_kind_of_answer_is_no_measure(tmp_path):
+    verdict = results.named().verdict
+    verdict.save(tmp_path)
+    asked = gate(tmp_path, baseline="verdict.json")
+    other = replace(verdict, gap={name: replace(one, unit="of another kind") for name, one in verdict.gap.items()})
+    checks = [check for check in check_verdict(asked, other) if check.name.endswith("against baseline")]
+    assert {check.colour for check in checks} == {"unsure"}
+    assert all("an answer of another kind" in check.words for check in checks)
+
+
 @pytest.mark.parametrize(("p", "colour"), [(2.0**-12, "gap"), (0.03, "unsure")])
 def test_losses_that_gain_no_nats_are_red_by_their_chance(tmp_path, p, colour):
     share = Interval(0.45, 0.44, 0.46, "share of rays")

@@ -67,6 +67,10 @@ def test_types_that_nothing_checks_outside_of_tests_are_told_too(tmp_path, of, f
         ("brighten(rays, jnp.where(p['share'] > 0.9, jnp.nan, 0.0) + 0 * rays.range_m)", "NaN in .* share = 1"),
         ("brighten(rays, jnp.sqrt(p['share'] * (rays.range_m + 1)))", "derivative in share is not finite at neutral"),
         ("brighten(rays, float(p['share']) * rays.range_m)", "no derivative at neutral parameters: Concretization"),
+        (
+            "rays if p['share'] == 0 else brighten(rays, p['share'] * rays.range_m)",
+            "no derivative at .* `if` on arrays or",
+        ),
         ("rays.replace(reading_m=rays.reading_m + p['share'])", "changes the channel range, and channels are"),
         ("brighten(rays, 0 * p['share'] * rays.range_m)", "channels name intensity, which apply never changes"),
         ("rays.replace(range_m=rays.range_m + p['share'])", "changes range_m at share = 0.3, which is the ray itself"),

@@ -98,6 +98,7 @@ def test_a_package_that_is_broken_is_named(install, text, words):
         ("a.py", "x = 1", "has no EFFECT; end it with EFFECT"),
         ("a.py", "EFFECT = 3", "gives int; it must be a"),
         ("a.py", "x = 1\n1 / 0", "a.py, line 2: ZeroDivisionError"),
+        ("a.py", "raise SystemExit(3)", "a.py, line 1: SystemExit: 3"),
         ("a.py", "def", "a.py, line 1: SyntaxError"),
         (
             "a.py",

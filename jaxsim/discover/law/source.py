@@ -107,8 +107,8 @@ def read_law(path: Path | str) -> ClosedLaw:
         raise ValueError(f"law: {path} is no verdict.json with a `law`; run `jaxsim discover` again")
     if content["law"] is None:
         raise ValueError(
-            f"law: {path} holds no formula: nothing was learned there that is near one; take `learned` of the "
-            "sensor.json beside it as it is (`jaxsim simulate --effects`)"
+            f"law: {path} holds no formula: nothing was learned there that is near one. If the sensor.json beside "
+            "it has `learned`, that can be taken as it is (`jaxsim simulate --effects`)"
         )
     with placed(f"law: {path} holds a `law` that is none", then="run `jaxsim discover` again"):
         law = parse_settings(ClosedLaw, content["law"])

@@ -8,15 +8,21 @@ of theirs, put in place first, leaves of other drives what is new on these.
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from jaxsim.data.polar_frames import read_grid
+from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
+from jaxsim.discover.read.checks import readings_of
 from jaxsim.discover.read.registration import MOTION_PARTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import placed, read_entry, read_json, write_text
 from jaxsim.geometry.sensor import grid_difference
 
+LOOKED_AT = 16
+"""Frames of one name that are looked at for copies of the control's."""
+VERDICT = "verdict.json"
+"""The answer's file, the last that is written."""
 SIDES = "sides.json"
 """The file beside an answer that says where the two folders are that it compared."""
 
@@ -52,6 +58,11 @@ class Control:
                 f"discover: {measured} are the frames of the control, beside which nothing of them can be new; give an "
                 "answer of other drives as --control"
             )
+        if found := _same_frame(self.folders[1], measured):
+            raise ValueError(
+                f"discover: {found} of {measured} holds the readings of the control's {found}, beside which nothing of "
+                "it can be new; give an answer of other drives as --control, or leave such frames out"
+            )
         grid, _ = read_grid(simulated)
         of_control, _ = read_grid(self.folders[0])
         if difference := grid_difference(of_control, grid):
@@ -69,7 +80,7 @@ class Control:
         beams.
         """
         folder = Path(folder)
-        file = folder / "verdict.json"
+        file = folder / VERDICT
         if not file.is_file():
             raise ValueError(
                 f"discover: no file {file}; a control is the folder of an earlier answer (`jaxsim discover ... --out "
@@ -94,8 +105,21 @@ class Control:
         return cls(replace(model, levels={}), contrast is not None, read_sides(folder))
 
 
+def _same_frame(first: Path, second: Path) -> str:
+    """Gives the name of a frame that two folders hold with the same readings; empty where none is found."""
+    common = sorted({*frame_names(first)} & {*frame_names(second)})
+    # Evenly spread: a folder that was copied, or a part of one, shows it wherever it is looked at.
+    for name in common[:: max(1, len(common) // LOOKED_AT)]:
+        with suppress(ValueError):  # what cannot be read is told where it is compared
+            if readings_of(read_frame(first, name)[0]) == readings_of(read_frame(second, name)[0]):
+                return name
+    return ""
+
+
 def write_sides(folder: Path, simulated: Path, measured: Path) -> None:
-    """Writes beside an answer which folders it compared, those within its own folder as seen from there."""
+    """Writes which folders an answer compares that is to be written beside it, those within its own folder as seen from
+    there. An older answer ends with it: one of two answers' files would be what a kill leaves."""
+    (folder / VERDICT).unlink(missing_ok=True)
     own = folder.resolve()
     paths = {"simulated": simulated.resolve(), "measured": measured.resolve()}
     within = {name: path.relative_to(own) if path.is_relative_to(own) else path for name, path in paths.items()}

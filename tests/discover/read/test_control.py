@@ -9,13 +9,13 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.data.polar_frames import write_grid
+from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import NO_CONTROL, Comparison, Control, discover
 from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.read.control import read_sides, write_sides
 from jaxsim.discover.verdict import Contrast, InPlace, Interval, Level, Verdict
 from jaxsim.effects.chain import SensorModel
-from jaxsim.frame import PolarGrid
+from jaxsim.frame import PolarGrid, PolarImage
 from tests.discover.toy import toy
 from tests.report import results
 
@@ -104,6 +104,14 @@ def test_a_control_of_these_frames_or_of_another_grid_is_refused(tmp_path: Path)
     NO_CONTROL.check_new(folders["wide"], folders["measured"])
     with pytest.raises(ValueError, match=r"measured are the frames of the control"):
         control.check_new(folders["simulated"], folders["measured"])
+    seen = np.ones((4, 8), np.float32)
+    for name in ("measured", "new"):
+        write_frame(folders[name], "a", PolarImage(seen, seen / 2, seen > 0))
+        write_frame(folders[name], "b", PolarImage(seen * len(name), seen / 2, seen > 0))
+    with pytest.raises(ValueError, match=r"a of .*new holds the readings of the control's a"):
+        control.check_new(folders["simulated"], folders["new"])
+    (folders["new"] / "a.npz").unlink()
+    control.check_new(folders["simulated"], folders["new"])
     with pytest.raises(ValueError, match=r"differ in azimuth_rad .*; a control is of the same simulated sensor"):
         control.check_new(folders["wide"], folders["new"])
 
