@@ -8,7 +8,7 @@ the simulated surface is another matter. Of frames of other streets the road sti
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -261,7 +261,8 @@ def check_partners(
         raise ValueError(
             f"discover: frames of the same name do not show the same street: ranges agree (within {RULES.near_m:g} m "
             f"or {100 * RULES.near_share:g} %) on {100 * same.near[k]:.0f} % of the rays that return on both sides of "
-            f"{names[k]} and of half the frames{_as_registered(registered)}; {ADVICE}"
+            f"{names[k]} and of half the frames{_as_registered(registered, same.near)}"
+            f"{_in_other_order(simulated[k], measured[k])}; {ADVICE}"
         )
     # A single frame is of another street by the same signs, clearly unlike most: fog in one frame is not beyond either.
     strange = (agreed < min(RULES.same_street, near - RULES.better_partner)) & (
@@ -277,9 +278,28 @@ def check_partners(
     )
 
 
-def _as_registered(registered: Registration | None) -> str:
-    """Says what the best motion of the sensor changes."""
-    if registered is None:
+REARRANGED: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "rows from the bottom up": lambda raster: raster[::-1],
+    "columns from right to left": lambda raster: raster[:, ::-1],
+    "columns half a turn on": lambda raster: np.roll(raster, raster.shape[1] // 2, axis=1),
+}
+"""Orders in which one side may be written by mistake, in words."""
+
+
+def _in_other_order(simulated: PolarImage, measured: PolarImage) -> str:
+    """Says in which other order of its rows or columns a measured frame is of the same street; nothing if in none."""
+    ours_m, back = np.asarray(simulated.range_m), np.asarray(simulated.valid)
+    for words, change in REARRANGED.items():
+        both = back & change(np.asarray(measured.valid))
+        near = float(agreement(ours_m[both], change(np.asarray(measured.range_m))[both], both[both]).near)
+        if near >= RULES.same_street:
+            return f", and on {100 * near:.0f} % with the measured {words}: correct the side that is written so"
+    return ""
+
+
+def _as_registered(registered: Registration | None, near_as_given: Float[np.ndarray, " f"]) -> str:
+    """Says what the best motion of the sensor changes, if it betters anything."""
+    if registered is None or np.median(registered.near) <= np.median(near_as_given):
         return ""
     return f", and on {100 * float(np.median(registered.near)):.0f} % with the simulated sensor {registered}"
 

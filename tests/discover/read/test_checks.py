@@ -1,5 +1,6 @@
 """Frames of the same name that do not show the same street. The streets are the generator's own."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -131,8 +132,13 @@ def test_another_street_is_refused_with_the_best_motion_found():
     names = [f"s{k}" for k in range(6)]
     ours = [seen(room) for room in rooms(6)]
     theirs = [seen(room[::-1] * 0.6) for room in rooms(6, seed=9)]
-    with pytest.raises(ValueError, match=r"% with the simulated sensor moved by .* deg in roll"):
-        check_partners(names, ours, theirs, registered=registered(ours, theirs, names))
+    found = registered(ours, theirs, names)
+    with pytest.raises(ValueError, match=r"half the frames; check that names"):  # none that betters anything
+        check_partners(names, ours, theirs, registered=found)
+    some = np.arange(found.measured_m.shape[1]) < 0.6 * found.measured_m.shape[1]
+    better = replace(found, predicted_m=np.where(some, found.measured_m, 2 * found.measured_m))
+    with pytest.raises(ValueError, match=r"on 6. % with the simulated sensor moved by .* deg in roll"):
+        check_partners(names, ours, theirs, registered=better)
 
 
 def test_cosines_in_place_of_angles_are_told(tmp_path):
@@ -156,3 +162,19 @@ def test_a_scene_is_the_same_as_a_number_and_as_a_text(tmp_path):
         facts = {name: {**about.get(name, {}), "scene": kind(k // 2)} for k, name in enumerate(names)}
         write_grid(folder / side, grid, frames=facts)
     assert read_comparison(folder / "simulated", folder / "measured").scenes == ("0", "0", "1", "1", "2", "2")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda raster: raster[::-1], "rows from the bottom up"),
+        (lambda raster: raster[:, ::-1], "columns from right to left"),
+        (lambda raster: np.roll(raster, raster.shape[1] // 2, axis=1), "columns half a turn on"),
+    ],
+)
+def test_a_side_that_is_written_in_another_order_is_told(case, change, words):
+    names, ours, theirs = case
+    parts = ("range_m", "intensity", "valid")
+    other = [image.replace(**{part: change(getattr(image, part)) for part in parts}) for image in theirs]
+    with pytest.raises(ValueError, match=rf"do not show the same street.* % with the measured {words}"):
+        check_partners(names, ours, other)
