@@ -147,14 +147,16 @@ def learn(form: Form, problem: Problem, result: Fit) -> LearnedFit:
     return LearnedFit(replace(form.bare, values=_plain(values), sd=_plain(sd)), without, len(form.start))
 
 
-def leaves_nothing(null: Problem, curve: tuple[Dependence, Candidate], effects: Sequence[Law], *, bar: float) -> bool:
-    """Whether none of the `effects` is accepted any more with the law of a free curve in place, fitted to all find
-    scenes."""
+def ranked_beside(
+    null: Problem, curve: tuple[Dependence, Candidate], effects: Sequence[Law], *, bar: float
+) -> list[Candidate]:
+    """What `effects` still gain with the law of a free curve in place, fitted to all find scenes; `bar` is that of
+    `rank_effects`."""
     form = Form.of(null, *curve)
     start = to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1])
     [law] = refit(null, [form.law], [start])
     beside = refitted(in_place(null, [(law.effect, law.fit.z)]))
-    return not any(candidate.accepted(bar) for candidate in rank_effects(beside, effects, bar=bar))
+    return rank_effects(beside, effects, bar=bar)
 
 
 def _plain(numbers: Float[np.ndarray, " k"]) -> Numbers:

@@ -30,8 +30,8 @@ Along = tuple[str, str]
 
 FreeCurve = tuple[Dependence, Candidate]
 """A free curve, and along what it runs."""
-LeavesNothing = Callable[[FreeCurve, Sequence[Law], float], bool]
-"""Whether the law of a free curve, in place, leaves effects nothing to say that passes a bar."""
+Beside = Callable[[FreeCurve, Sequence[Law], float], Sequence[Candidate]]
+"""What effects still gain with the law of a free curve in place, ranked with a bar."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def name_effects(
     without: Sequence[str] = (),
     unasked: Sequence[Along] = (),
     doubts: Doubts = NO_DOUBTS,
-    leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
+    beside: Beside = lambda curve, effects, bar: (),
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
@@ -84,8 +84,7 @@ def name_effects(
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`,
     and none of `unasked`.
-    What was found and `doubts` speak against is not said. `leaves_nothing` tells whether a free curve's law leaves
-    effects nothing to say.
+    What was found and `doubts` speak against is not said. `beside` tells what effects say beside a free curve's law.
     """
 
     def refuse(step: FittedStep, beside: Problem) -> str:
@@ -105,7 +104,7 @@ def name_effects(
         raised = bars.effect > RULES.bar_nats
         choice = choose(null, catalogue, bars=bars, refuse=refuse, log=log) if raised else replace(choice, bars=bars)
     passed: list[tuple[Along, str]] = []
-    decided = partial(decide, null, dependences=dependences, without=without, leaves_nothing=leaves_nothing)
+    decided = partial(decide, null, dependences=dependences, without=without, beside=beside)
     answer = decided(choice, but=unasked)
     # A weak effect is no answer beside a strong one that the scenes dispute; nor is a curve that says no more.
     step = step_along(choice, answer.curve[0].channel, answer.curve[0].covariate) if answer.curve else None
@@ -155,22 +154,24 @@ def decide(
     *,
     without: Sequence[str] = (),
     but: Sequence[Along] = (),
-    leaves_nothing: LeavesNothing = lambda curve, effects, bar: False,
+    beside: Beside = lambda curve, effects, bar: (),
 ) -> Answer:
     """The answer, what is named in it, and what a free curve still finds.
 
     Where a free curve explains clearly more of its channel than the effects that were chosen for it, these are not
-    named: what is there is not in the catalogue. Effects of other channels stay, and so does a lattice, which was read
-    off the readings and is there whatever else is. Curves of the channels `without`, and those of `but`, are not asked.
+    named: what is there is not in the catalogue. Effects of other channels stay, and so do those that the curve says
+    nothing of (`untouched`), and a lattice, which was read off the readings and is there whatever else is. Curves of
+    the channels `without`, and those of `but`, are not asked.
     """
     free = without_unasked(free_curves(null, dependences, without, bar=choice.bars.free), but)
     curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     outside = None
     if curves:
         more = outdone(choice, *curves[0], numbers=curve_numbers(null, curves[0][0]))
-        outside = curves[0] if more or pieced(choice, curves[0], leaves_nothing) else None
+        outside = curves[0] if more or pieced(choice, curves[0], beside) else None
     if outside:
-        steps = tuple(step for step in choice.steps if stands(step, outside[0].channel))
+        own = untouched(choice, outside, beside)
+        steps = tuple(step for step in choice.steps if step in own or stands(step, outside[0].channel))
         if not steps:
             # With nothing left that is named, the problem is the null as it was.
             nothing = Choice((), choice.first_ranking, null, choice.bars, choice.refused)
@@ -182,7 +183,30 @@ def decide(
     return named_answer(choice, without=without, but=but)
 
 
-def pieced(choice: Choice, curve: FreeCurve, leaves_nothing: LeavesNothing) -> bool:
+def untouched(choice: Choice, curve: FreeCurve, beside: Beside) -> list[FittedStep]:
+    """The effects of a curve's channel that have nothing to do with it: they do not go by its covariate, and gain with
+    its law in place most of what they did."""
+    dependence, _ = curve
+    others = {
+        step.chosen.effect.name: step
+        for step in choice.steps
+        if dependence.channel in step.chosen.effect.channels
+        and dependence.covariate not in step.chosen.effect.covariates
+        and step.chosen.effect.name not in FINEST
+    }
+    if not others:
+        return []
+    bar = choice.bars.effect
+    again = beside(curve, [step.chosen.effect for step in others.values()], bar)
+    of_name = [(candidate, others[candidate.effect.name]) for candidate in again]
+    return [
+        step
+        for candidate, step in of_name
+        if candidate.accepted(bar) and candidate.total >= RULES.weak_share * step.chosen.total
+    ]
+
+
+def pieced(choice: Choice, curve: FreeCurve, beside: Beside) -> bool:
     """Whether several effects of a channel piece together what a free curve says alone: with its law in place none of
     them is accepted any more."""
     dependence, fit = curve
@@ -190,7 +214,10 @@ def pieced(choice: Choice, curve: FreeCurve, leaves_nothing: LeavesNothing) -> b
     pieces = [effect for effect in of_channel if effect.name not in FINEST]
     # To fit the law costs seconds: not where the curve says little of what they do.
     much = fit.total >= RULES.weak_share * sum(step.chosen.total for step in choice.steps)
-    return len(pieces) >= RULES.curve_pieces and much and leaves_nothing(curve, pieces, choice.bars.effect)
+    if len(pieces) < RULES.curve_pieces or not much:
+        return False
+    bar = choice.bars.effect
+    return not any(candidate.accepted(bar) for candidate in beside(curve, pieces, bar))
 
 
 def without_unasked(curves: Sequence[FreeCurve], but: Sequence[Along]) -> list[FreeCurve]:

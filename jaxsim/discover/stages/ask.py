@@ -10,7 +10,7 @@ from pathlib import Path
 from jaxsim.discover.add import may_never_act
 from jaxsim.discover.find.correlation import correlations, of_one_material, of_ranges, unrelated
 from jaxsim.discover.find.levels import range_noise_grows
-from jaxsim.discover.law.learn import leaves_nothing
+from jaxsim.discover.law.learn import ranked_beside
 from jaxsim.discover.mounting.constant import brought_back, place_mounting
 from jaxsim.discover.name.answer import Answer, name_effects
 from jaxsim.discover.name.candidates import Candidate
@@ -127,7 +127,7 @@ def answer_of(
             apart=placed.division.apart,
             classless=comparison.classless,
         ),
-        leaves_nothing=lambda curve, effects, bar: leaves_nothing(null, curve, effects, bar=bar),
+        beside=lambda curve, effects, bar: ranked_beside(null, curve, effects, bar=bar),
         log=log,
     )
     return answer, others

@@ -74,7 +74,7 @@ def test_three_effects_that_one_curve_leaves_nothing_to_say_are_its_pieces(named
         problem(),
         Choice(tuple(map(step, named)), (), problem()),
         [],
-        leaves_nothing=lambda found, effects, bar: leaves,
+        beside=lambda found, effects, bar: [candidate(e.name, 0.0 if leaves else 8.0) for e in effects],
     )
     assert (len(said.choice.steps) == len(named)) is whole
 
@@ -186,3 +186,31 @@ def test_without_a_curve_that_is_not_confirmed_the_rest_stays(steps, verdict):
     assert left.choice is found.choice
     assert left.unconfirmed == ("intensity along range",)
     assert answer.without_curve(left) is left
+
+
+@pytest.mark.parametrize(
+    ("covariates", "beside", "stays"),
+    [
+        (("incidence",), 8.0, True),
+        # What goes by the curve's covariate is its nearest law, and what the curve says most of is no more than that.
+        (("incidence", "range"), 8.0, False),
+        (("incidence",), 3.0, False),
+    ],
+)
+def test_an_effect_that_a_stronger_curve_says_nothing_of_stays_named(covariates, beside, stays, monkeypatch, curve_of):
+    """A simulator without texture, of which colours tell, hides no fog."""
+    curve_of("intensity", candidate("curve", 90))
+    monkeypatch.setattr(answer, "named_answer", lambda choice, **_: answer.Answer("named", choice, None))
+    monkeypatch.setattr(answer, "with_steps", lambda null, steps: problem())
+    named = candidate("gamma_response", 8)
+    named = replace(named, effect=replace(named.effect, covariates=covariates))
+    asked = []
+
+    def ranked(found, effects, bar):
+        asked.extend(effects)
+        return [candidate(effect.name, beside) for effect in effects]
+
+    said = answer.decide(problem(), Choice((step(named),), (), problem()), [], beside=ranked)
+    assert said.verdict == ("named" if stays else "not_in_catalogue")
+    # To fit the law costs seconds.
+    assert bool(asked) is ("range" not in covariates)
