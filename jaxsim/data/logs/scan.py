@@ -8,13 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from annotated_types import Ge, Le
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.config.ranges import Checked, Count, Positive
+from jaxsim.config.ranges import Checked, Columns, Count, Positive
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import check_size, first_line
 from jaxsim.geometry import LidarSpec
@@ -100,7 +99,7 @@ class LogOptions(Checked):
     classes: str = ""
     """Of range images: what their numbers of classes are, `semantickitti` for that set's 20, or pairs of a number and a
     Cityscapes class, `0:road,2:building`. Empty: frames have no classes."""
-    columns: Annotated[int, Ge(2), Le(2**16)] | None = None
+    columns: Columns | None = None
     """Columns of the frames. None given: as many as a beam fires in a turn."""
     mount: Literal["", "sensor", "fit"] = ""
     """`fit`: the points are in a car's frame; where the sensor was is told from its beams. Empty: as the source has
