@@ -29,7 +29,7 @@ FIRST = 5
 LEAST_TURN_S, TURN_S = 5e-3, 10.0
 """Seconds that a turn takes: ten times less, and a hundred times more, than those of the fastest sensors, 20 Hz."""
 _UNITS = {"microseconds": 1e3, "milliseconds": 1e6}
-"""Times in whole numbers that are not the nanoseconds for which they are taken, and how much longer a turn then is."""
+"""Units in which whole numbers are no nanoseconds, for which they are taken, and how much longer a turn then is."""
 _DARK = 1 / 200
 """Share of full scale under which no log stays; bytes in 16 bits do, at 1 / 257."""
 _MOUNT_M = (0.0, 0.0, 1.7)
@@ -281,8 +281,8 @@ def _check_turn(span_s: float, column: Int[np.ndarray, " n"], grid: PolarGrid, *
     likely = [unit for unit, longer in _UNITS.items() if LEAST_TURN_S <= turn_s * longer <= TURN_S]
     raise ValueError(
         f"{where}: the times of its points span {span_s:g} s, and a turn takes at least {LEAST_TURN_S:g}: whole "
-        f"numbers are nanoseconds, others seconds{f', and these are perhaps {likely[0]}' if likely else ''}; write "
-        "them so, or leave the field out"
+        f"numbers are nanoseconds, others seconds{f' (whole {likely[0]} look so)' if likely else ''}; write them so, "
+        "or leave the field out"
     )
 
 

@@ -156,7 +156,7 @@ class SyntheticWorld:
 
     def _moment(self, index: int) -> _Moment:
         if not 0 <= index < len(self):
-            raise IndexError(f"synthetic world: frame {index} is not in 0 .. {len(self) - 1}")
+            raise IndexError(f"{self.name}: there is no frame {index}; the world has 0 to {len(self) - 1}")
         drive = _drive(self.seed, index // FRAMES_PER_DRIVE, self.streets)
         time_s = FRAME_S * (index % FRAMES_PER_DRIVE)
         curvature = float(drive.street.curvature)
