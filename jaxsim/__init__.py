@@ -67,3 +67,8 @@ def __getattr__(name: str) -> Any:
         if name in names:
             return getattr(importlib.import_module(f"jaxsim.{package}"), name)
     raise AttributeError(f"module 'jaxsim' has no attribute {name!r}; it has {', '.join(__all__)}")
+
+
+def __dir__() -> list[str]:
+    """The public names, which are not there before they are asked for."""
+    return [*__all__]

@@ -9,10 +9,12 @@ do no harm.
 from __future__ import annotations
 
 import logging
+import os
 import pickle
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, as_completed
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
 from functools import lru_cache
 from hashlib import sha256
@@ -66,9 +68,10 @@ def spread(
     once where no scheduler answers, it is lost, or a worker has other code. Raises ModuleNotFoundError where Dask is
     not installed. `by` begins the messages.
     """
-    client = _connect(address, by)
     failures: list[str] = []
-    try:
+    with _connected(address, by) as client:
+        if not client.nthreads():
+            _log.info(f"{by}: no worker has joined {address} yet; start some: dask worker {address} --nthreads 1")
         with client.get_executor(pure=False) as pool:
             # The number makes the job this command's own: files may have changed since an equal one was opened.
             task = pickle.dumps((job, _cache_folder(), uuid4().hex)), build_name()
@@ -94,8 +97,6 @@ def spread(
                         yield Done(todo[future], result, worker)
             finally:
                 pool.shutdown(wait=False)
-    finally:
-        client.close()
     if failures:
         others = f" (and {len(failures) - FAILURES_TOLD} more)" if len(failures) > FAILURES_TOLD else ""
         raise ValueError(
@@ -104,8 +105,15 @@ def spread(
         )
 
 
-def _connect(address: str, by: str) -> Any:
-    """A client of the scheduler; says so where no worker has joined it yet, which is waited for."""
+def check_scheduler(address: str, *, by: str) -> None:
+    """Raises ValueError where no scheduler answers at `address`, before a folder is begun; else as `spread`."""
+    with _connected(address, by):
+        pass
+
+
+@contextmanager
+def _connected(address: str, by: str) -> Iterator[Any]:
+    """A client of the scheduler."""
     try:
         from distributed import Client
     except ModuleNotFoundError as error:
@@ -113,16 +121,32 @@ def _connect(address: str, by: str) -> Any:
             f"{by}: --cluster needs Dask ({error}): pip install 'jaxsim-lidar[dask]'; here, and where scheduler and "
             "workers run"
         ) from error
+    with _quiet("distributed.client", "distributed.comm"):
+        try:
+            client = Client(address, timeout=ANSWER_S, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise ValueError(
+                f"{by}: no scheduler answers at {address}; start one (dask scheduler) and workers (dask worker "
+                "tcp://HOST:8786 --nthreads 1), and give its address: --cluster tcp://HOST:8786"
+            ) from error
+        try:
+            yield client
+        finally:
+            client.close()
+
+
+@contextmanager
+def _quiet(*names: str) -> Iterator[None]:
+    """In the block these loggers say nothing: of a lost scheduler Dask's tell in tracebacks what a line says."""
+    loggers = [] if os.environ.get("JAXSIM_TRACEBACK") else [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
     try:
-        client = Client(address, timeout=ANSWER_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise ValueError(
-            f"{by}: no scheduler answers at {address}; start one (dask scheduler) and workers (dask worker "
-            "tcp://HOST:8786 --nthreads 1), and give its address: --cluster tcp://HOST:8786"
-        ) from error
-    if not client.nthreads():
-        _log.info(f"{by}: no worker has joined {address} yet; start some: dask worker {address} --nthreads 1")
-    return client
+        for logger in loggers:
+            logger.setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def build_name() -> str:

@@ -115,7 +115,11 @@ def many_lines(lines: int = 64) -> dict[str, np.ndarray]:
     xyz = level * np.cos(azimuth), level * np.sin(azimuth), 10 * np.sin(elevation)
     fields = {axis: value.astype("f4").ravel() for axis, value in zip("xyz", xyz, strict=True)}
     ring = np.broadcast_to(np.arange(lines)[::-1, None], azimuth.shape).astype("u2").ravel()
-    return fields | {"intensity": np.full(ring.size, 77, "u1"), "ring": ring, "t": np.arange(ring.size, dtype="u4")}
+    return fields | {
+        "intensity": np.full(ring.size, 77, "u1"),
+        "ring": ring,
+        "t": np.linspace(0, 1e8, ring.size).astype("u4"),
+    }
 
 
 def images(samples: Path) -> None:

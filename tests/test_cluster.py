@@ -1,5 +1,6 @@
 """Work on a cluster of Dask: done whole, whatever becomes of an item."""
 
+import logging
 import sys
 import time
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from jaxsim import cluster
-from jaxsim.cluster import Unlike, spread, with_absolute_paths
+from jaxsim.cluster import Unlike, check_scheduler, spread, with_absolute_paths
 from jaxsim.config import DataConfig
 from tests.dask_processes import processes
 
@@ -80,9 +81,24 @@ def test_no_scheduler_and_no_dask_are_said(monkeypatch):
     pytest.importorskip("distributed")
     with pytest.raises(ValueError, match=r"test: no scheduler answers at tcp://127.0.0.1:9; start one"):
         list(spread("tcp://127.0.0.1:9", Squares(), [1], by="test"))
+    with pytest.raises(ValueError, match=r"test: no scheduler answers at tcp://127.0.0.1:9; start one"):
+        check_scheduler("tcp://127.0.0.1:9", by="test")
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ModuleNotFoundError, match=r"test: --cluster needs Dask .*jaxsim-lidar\[dask\]"):
         list(spread("tcp://127.0.0.1:9", Squares(), [1], by="test"))
+
+
+def test_dasks_tracebacks_of_a_lost_scheduler_are_shown_to_those_who_ask(scheduler, monkeypatch):
+    loggers = [logging.getLogger(name) for name in ("distributed.client", "distributed.comm.tcp")]
+    before = [logger.getEffectiveLevel() for logger in loggers]
+    results = spread(scheduler, Squares(), range(2), by="test")
+    next(results)
+    assert [logger.getEffectiveLevel() for logger in loggers] == [logging.CRITICAL] * 2
+    list(results)
+    assert [logger.getEffectiveLevel() for logger in loggers] == before
+    monkeypatch.setenv("JAXSIM_TRACEBACK", "1")
+    for _ in spread(scheduler, Squares(), range(2), by="test"):
+        assert [logger.getEffectiveLevel() for logger in loggers] == before
 
 
 def test_whoever_stops_taking_results_leaves_nothing_at_work(scheduler):

@@ -38,7 +38,8 @@ frame = world[1920]
 frame.cloud
 
 # %% [markdown]
-# Train: 200 steps of a small network (`configs/demo.py`; about four minutes on two cores). The same line again resumes.
+# Train a small network. `configs/demo.py` says how many steps that are, and how long they took. The same line again
+# resumes.
 
 # %%
 main(["train", "demo", *FLAGS])

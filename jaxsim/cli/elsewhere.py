@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jaxsim.cluster import spread, with_absolute_paths
+from jaxsim.cluster import check_scheduler, spread, with_absolute_paths
 from jaxsim.simulate.learned_sensor import LearnedSensor, load
 
 
@@ -42,7 +42,10 @@ class Elsewhere:
 
 def on_cluster(command: OnWorkers, *, by: str) -> Callable[[Sequence[Any]], Iterator[Any]] | None:
     """What has pieces of a command's work done by the workers of its cluster, and gives what became of each; None where
-    it names no cluster. `by` begins the messages."""
+    it names no cluster. `by` begins the messages. Raises ValueError where the cluster does not answer."""
     address = command.cluster
+    if not address:
+        return None
+    check_scheduler(address, by=by)
     job = with_absolute_paths(Elsewhere(command, Path.cwd()))
-    return (lambda items: (done.result for done in spread(address, job, items, by=by))) if address else None
+    return lambda items: (done.result for done in spread(address, job, items, by=by))

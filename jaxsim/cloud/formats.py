@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32, Shaped
 
 from jaxsim.files import need, replacing
 from jaxsim.frame import Cloud
@@ -25,10 +25,19 @@ _FULL_LAS = 65535
 
 
 def points_of(cloud: Cloud) -> _Points:
-    """The valid points of one unbatched cloud as rows x, y, z (m), intensity (0..1)."""
+    """The valid points of one unbatched cloud as rows x, y, z (m), intensity (0..1). Raises ValueError for what is no
+    such cloud."""
+    if not isinstance(cloud, Cloud):
+        raise ValueError(
+            f"cloud: {type(cloud).__name__} came; give a Cloud (jaxsim.frame): Cloud(xyz_m=points[:, :3], "
+            "intensity=points[:, 3], valid=np.ones(len(points), bool))"
+        )
     xyz = np.asarray(cloud.xyz_m)
-    if xyz.ndim != 2:
-        raise ValueError(f"cloud: expected one cloud of shape (n, 3), got {xyz.shape}; save a batch cloud by cloud")
+    if xyz.ndim != 2 or xyz.shape[1] != 3:
+        raise ValueError(
+            f"cloud: expected one cloud of shape (n, 3), got {xyz.shape}; intensity is a field of its own, and a batch "
+            "is saved cloud by cloud"
+        )
     one = {name: np.asarray(getattr(cloud, name)) for name in ("intensity", "valid")}
     for name, values in one.items():
         if values.shape != xyz.shape[:1] or (name == "valid" and values.dtype != bool):
@@ -40,7 +49,11 @@ def points_of(cloud: Cloud) -> _Points:
 
 
 def table_of(cloud: Cloud, time_s: Float[np.ndarray, " n"] | None = None) -> np.ndarray:
-    """The valid points as records x, y, z, intensity, and ring and time where they are known."""
+    """The valid points as records x, y, z, intensity, and ring and time where they are known.
+
+    Raises ValueError as `points_of`, and for rows and times that are not one a point, no whole numbers of a file's
+    ring, or not finite.
+    """
     points, valid = points_of(cloud), np.asarray(cloud.valid)
     known = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")]
     known += [] if cloud.row is None else [("ring", "<u2")]
@@ -49,13 +62,32 @@ def table_of(cloud: Cloud, time_s: Float[np.ndarray, " n"] | None = None) -> np.
     for k, name in enumerate(("x", "y", "z", "intensity")):
         table[name] = points[:, k]
     if cloud.row is not None:
-        row = np.asarray(cloud.row)[valid]
+        row = _of_points(cloud.row, valid, kinds="iu", what="row", right="a whole number")
         if len(row) and not (row.min() >= 0 and row.max() < 2**16):
             raise ValueError(f"cloud: rows span {row.min()}..{row.max()}; a file's ring is 0 to 65535: leave rows out")
         table["ring"] = row
     if time_s is not None:
-        table["time"] = np.asarray(time_s)[valid]
+        time = _of_points(time_s, valid, kinds="fiu", what="time_s", right="seconds")
+        if not np.isfinite(time).all():
+            raise ValueError(
+                f"cloud: time_s is NaN or infinite in {int((~np.isfinite(time)).sum())} of {len(time)} points; give "
+                "seconds, or leave it out"
+            )
+        table["time"] = time
     return table
+
+
+def _of_points(
+    values: Any, valid: Bool[np.ndarray, " n"], *, kinds: str, what: str, right: str
+) -> Shaped[np.ndarray, " m"]:
+    """The values of the valid points. Raises ValueError where they are not one a point, or of another kind."""
+    given = np.asarray(values)
+    if given.shape != valid.shape or given.dtype.kind not in kinds:
+        raise ValueError(
+            f"cloud: {what} is {given.shape} of {given.dtype} for {len(valid)} points; give {right} a point, or leave "
+            "it out"
+        )
+    return given[valid]
 
 
 def _bin(table: np.ndarray, file: BinaryIO) -> None:
@@ -130,7 +162,8 @@ def save_cloud(path: Path | str, cloud: Cloud, *, time_s: Float[np.ndarray, " n"
     beyond what any LiDAR sees, intensity beyond 0..1. Warns of a cloud without points, which they refuse, too.
     """
     path = Path(path)
-    if path.suffix not in FORMATS:
+    write = FORMATS.get(path.suffix.lower())
+    if write is None:
         raise ValueError(f"cloud: no format for {path.name!r}; known suffixes: {', '.join(FORMATS)}")
     table = table_of(cloud, time_s)
     if len(table):
@@ -139,5 +172,5 @@ def save_cloud(path: Path | str, cloud: Cloud, *, time_s: Float[np.ndarray, " n"
         # It may be the truth, and where clouds are written one after the other the next ones are wanted.
         warnings.warn(f"cloud: {path.name} holds no points: no reader here takes it", stacklevel=2)
     with replacing(path) as temporary, temporary.open("wb") as file:
-        FORMATS[path.suffix](table, file)
+        write(table, file)
     return path

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from jaxsim.config.ranges import (
     Checked,
     Chosen,
+    Columns,
     Count,
     Drawn,
     File,
@@ -115,9 +116,9 @@ class PrepareConfig(Checked):
     """Cityscapes ids that get a channel of `semantic`; any other is *don't care*."""
     image_crop: tuple[Count, Count] = (352, 1216)
     """Rows and columns of the image that are used: bottom and middle, as depth completion crops it."""
-    columns: Count = 372
+    columns: Columns = 372
     """Columns of the polar window that the camera sees; its rows are the laser lines inside the crop."""
-    network_size: tuple[Whole, Whole] = (64, 512)
+    network_size: tuple[Count, Count] = (64, 512)
     """Rows and columns the window is scaled to for the network."""
     depth: Literal["given", "ip_basic", "ip_basic_fast", "penet"] = "given"
     """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
@@ -138,13 +139,8 @@ class PrepareConfig(Checked):
     """A cell is occluded where a camera pixel lies farther behind the cell's nearest one than this, or than a tenth of
     the nearest range if that is more, plus 1.5 times what the nearest range changes by to the next row and the next
     column. Of the changes to both neighbours the smaller counts, and none where they differ in sign, as at a pole."""
-    max_range_m: NotNegative = 120.0
+    max_range_m: Positive = 120.0
     """Depth and range channels are scaled by this."""
-
-    @property
-    def bare(self) -> PrepareConfig:
-        """The settings that decide what a pair holds: which channels of it a network sees, and how, left out."""
-        return replace(self, inputs=(), classes=(), network_size=(0, 0), max_range_m=0.0)
 
 
 @dataclass(frozen=True)

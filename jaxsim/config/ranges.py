@@ -26,6 +26,7 @@ Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
 Share = Annotated[float, Ge(0), Le(1)]
 Decay = Annotated[float, Ge(0), Lt(1)]
+Columns = Annotated[int, Ge(2), Le(2**16)]  # of a polar grid: one would have no step
 
 # Roles. A setting without one decides what is learned.
 Role = Literal["kept", "used", "lasts", "file", "drawn", "chosen", "frame", "weights"]

@@ -138,12 +138,30 @@ DATASETS: dict[str, DatasetKind] = {
 }
 
 
+_SIGNS = {
+    "kitti_raw": "[12][0-9][0-9][0-9]_[0-9][0-9]_[0-9][0-9]",
+    "kitti_object": "training/label_2",
+    "kitti_tracking": "training/label_02",
+    "kitti_odometry": "sequences",
+    "vkitti2": "Scene[0-9][0-9]",
+    "polar": "grid.json",
+    "prepared": "jaxsim_pairs",
+}
+"""What lies in the folder of a kind and in no other's."""
+
+
 def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Dataset:
     """The data set that a config, or a kind, names; in the folder `root`, where it is given.
 
-    Raises ValueError for an unknown kind, a root that is missing or that a kind does not read, and scenes of a kind
-    that has no scenes to choose.
+    Raises ValueError for an unknown kind, a folder in its place, a root that is missing or that a kind does not read,
+    and scenes of a kind that has no scenes to choose.
     """
+    if isinstance(source, str) and source not in DATASETS and Path(source).is_dir():
+        likely = next((kind for kind, sign in _SIGNS.items() if any(Path(source).glob(sign))), "KIND")
+        raise ValueError(
+            f"data: {source} is a folder, and a kind of data set comes before it: open_dataset({likely!r}, "
+            f"{source!r}); known kinds: {', '.join(DATASETS)}"
+        )
     # Any text may come: a config refuses a kind that is none.
     config = DataConfig(kind=source) if isinstance(source, str) else source  # type: ignore[arg-type]
     config = replace(config, root=Path(root)) if root else config

@@ -31,6 +31,7 @@ from jaxsim.data.kitti_files import (
     read_plane,
     scan_time,
 )
+from jaxsim.data.select import frame_number
 from jaxsim.files import files_in, in_order, read_names
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
@@ -75,7 +76,7 @@ class KittiRaw:
         return fitted_spec(self._scan(0), self._rows)
 
     def __getitem__(self, index: int) -> Frame:
-        drive, number = self._frames[index]
+        drive, number = self._frames[frame_number(index, self.name, len(self))]
         image = drive / "image_02" / "data" / f"{number}.png"
         rgb = read_image(image)
         motion = drive / "oxts" / "data" / f"{number}.txt"
@@ -150,7 +151,7 @@ class KittiObject:
         return fitted_spec(self._frames[0], self._rows)
 
     def __getitem__(self, index: int) -> Frame:
-        scan = self._frames[index]
+        scan = self._frames[frame_number(index, self.name, len(self))]
         folder, number = scan.parent.parent, scan.stem
         rgb = read_image(folder / "image_2" / f"{number}.png")
         calibration = folder / "calib" / f"{number}.txt"

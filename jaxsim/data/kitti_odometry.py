@@ -20,6 +20,7 @@ import numpy as np
 from jaxsim.data.clouds import check_rows, compensated_spec, read_scan
 from jaxsim.data.kitti_files import listing, odometry_camera, read_image, scan_time
 from jaxsim.data.point_labels import TRAINING, VALIDATION, classes_in_image, labels_of, read_point_labels
+from jaxsim.data.select import frame_number
 from jaxsim.files import files_in
 from jaxsim.frame import CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec
@@ -50,7 +51,7 @@ class KittiOdometry:
         return compensated_spec(self._path(0, "velodyne", ".bin"), self._rows)
 
     def __getitem__(self, index: int) -> Frame:
-        sequence, number = self._frames[index]
+        sequence, number = self._frames[frame_number(index, self.name, len(self))]
         scan, image = self._path(index, "velodyne", ".bin"), self._path(index, "image_2", ".png")
         rgb = read_image(image) if image.is_file() else None
         camera, size = odometry_camera(self._folder / sequence / "calib.txt", None if rgb is None else rgb.shape[:2])

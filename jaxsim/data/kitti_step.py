@@ -27,6 +27,7 @@ from jaxsim.data.kitti_files import (
     read_image,
     read_tracking_labels,
 )
+from jaxsim.data.select import frame_number
 from jaxsim.files import files_in, placed, read_once, read_pixels
 from jaxsim.frame import Boxes, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
@@ -81,7 +82,7 @@ class KittiStep:
         }
 
     def __getitem__(self, index: int) -> Frame:
-        sequence, number = self._frames[index]
+        sequence, number = self._frames[frame_number(index, self.name, len(self))]
         rgb = read_image(self._path("image_02", index, ".png"))
         semantic, instance = None, None
         if self._maps is not None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from jaxsim.data.kitti import DATE, KittiObject, KittiRaw
 from jaxsim.data.kitti_files import listing
 from jaxsim.data.kitti_odometry import KittiOdometry
+from jaxsim.data.select import frame_number
 from jaxsim.frame import Frame
 from jaxsim.geometry import LidarSpec
 
@@ -45,7 +46,7 @@ class KittiTogether:
         return next(iter(self.parts.values())).spec
 
     def __getitem__(self, index: int) -> Frame:
-        part, local = self._place(index)
+        part, local = self._place(frame_number(index, self.name, len(self)))
         return part[local]
 
     def name_of(self, index: int) -> str:

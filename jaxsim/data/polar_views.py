@@ -16,6 +16,7 @@ import numpy as np
 
 from jaxsim.data.point_labels import classes_in_image
 from jaxsim.data.polar_frames import open_polar_frames, scene_of
+from jaxsim.data.select import frame_number
 from jaxsim.frame import Camera, CameraFrame, Cloud, Frame, PolarGrid
 from jaxsim.geometry import LidarSpec, camera_at_lidar, polar_to_points, turned_points
 
@@ -59,7 +60,7 @@ class PolarViews:
         return len(self.frames.names) * len(DIRECTIONS_DEG)
 
     def __getitem__(self, index: int) -> Frame:
-        name, direction = self._place(index)
+        name, direction = self._place(frame_number(index, self.name, len(self)))
         image, rasters = self.frames.read(name)
         cloud = jax.tree.map(np.asarray, polar_to_points(image, self.frames.grid))
         valid = cloud.valid

@@ -8,7 +8,7 @@ those of `jaxsim.frame`, with `/` where a struct holds another.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +26,8 @@ LABELS = {"semantic", "edges"}
 """Inputs that need class labels."""
 IMAGES = {"rgb", "surroundings"}
 """Inputs that need an image."""
+_SEEN = {"classes": [], "network_size": [0, 0], "max_range_m": 0.0}
+"""Settings of how a network sees a pair, which change none, and what is kept in their places."""
 Example = dict[str, Any]
 """A record's values by name, flat."""
 
@@ -209,17 +211,16 @@ class PreparedPairs(Sequence):  # of Pair: unnamed, else checks of types would r
 
 
 def pair_settings(data: DataConfig, prepare: PrepareConfig) -> dict[str, Any]:
-    """`data` and `prepare` as plain values, without what changes no pair (`bare`). But a frame without labels is an
-    error where labels are asked for, so `prepare.inputs` still says whether they were. A file of weights is named by
-    its contents.
+    """`data` and `prepare` as plain values, without what changes no pair. But a frame without labels is an error where
+    labels are asked for, so `prepare.inputs` still says whether they were. A file of weights is named by its contents.
 
     Raises FileNotFoundError where it is missing.
     """
-    labels = ("semantic",) if LABELS & {*prepare.inputs} else ()
-    paired = replace(prepare.bare, inputs=labels)
+    paired = TypeAdapter(PrepareConfig).dump_python(prepare, mode="json")
+    labels = ["semantic"] if LABELS & {*prepare.inputs} else []
     values = {
         "data": TypeAdapter(DataConfig).dump_python(data.bare, mode="json"),
-        "prepare": TypeAdapter(PrepareConfig).dump_python(paired, mode="json"),
+        "prepare": paired | _SEEN | {"inputs": labels},
     }
     for name in settings_of(PrepareConfig, "weights"):
         if (path := getattr(prepare, name)) is not None:

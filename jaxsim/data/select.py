@@ -3,8 +3,10 @@ what is left of the set without it."""
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Sized
+from typing import Any
 
 from jaxsim.files import repeated
 
@@ -39,6 +41,23 @@ def select_or_all(text: str, dataset: Sized) -> list[int]:
     Raises ValueError as `select`.
     """
     return select(text, dataset) if text else list(range(len(dataset)))
+
+
+def frame_number(index: Any, name: str, count: int) -> int:
+    """The position that an index means in a data set of that name and so many frames; one below 0 counts from the end.
+
+    Raises TypeError for what is no whole number, and IndexError beyond the ends.
+    """
+    try:
+        position = operator.index(index)
+    except TypeError:
+        raise TypeError(
+            f"{name}: a frame is given by its number, 0 to {count - 1}, not by {index!r:.60}; for several give one by "
+            "one, [dataset[i] for i in range(3)], or [dataset[i] for i in select('0-2', dataset)]"
+        ) from None
+    if not -count <= position < count:
+        raise IndexError(f"{name}: there is no frame {position}; the data set has 0 to {count - 1}")
+    return position
 
 
 def _range(text: str, part: str, length: int) -> range:

@@ -21,6 +21,7 @@ import numpy as np
 
 from jaxsim.data.calibration import check_pinhole
 from jaxsim.data.kitti_files import listing, read_image
+from jaxsim.data.select import frame_number
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.vkitti2_files import (
     COLOURS,
@@ -98,7 +99,7 @@ class VirtualKitti2:
         return preset("hdl64e")
 
     def __getitem__(self, index: int) -> Frame:
-        drive, number = self._frames[index]
+        drive, number = self._frames[frame_number(index, self.name, len(self))]
         depth_m, known = read_depth(self._raster(drive, "depth", number))
         known = known & (depth_m <= self.reach_m)
         rgb = read_image(self._raster(drive, "rgb", number))

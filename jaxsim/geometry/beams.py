@@ -92,8 +92,11 @@ def fit_cones(
     return origin_m, slope, miss
 
 
-def beams_of_rings(xyz_m: Float[np.ndarray, "n 3"], ring: Int[np.ndarray, " n"], *, rings: int | None = None) -> Beams:
-    """The beams of a sensor whose points say which ring they are of; `rings` is how many there are, if it is known.
+def beams_of_rings(
+    xyz_m: Float[np.ndarray, "n 3"], ring: Int[np.ndarray, " n"], *, rings: int | None = None, first: int = 0
+) -> Beams:
+    """The beams of a sensor whose points say which ring they are of; `rings` is how many there are, if it is known, and
+    `first` the number of the first.
 
     A ring's beam is the median of its points' elevations; origins of their own are given to the beams where these leave
     clearly less. A ring with fewer than 30 points lies where its neighbours' numbers put it.
@@ -101,13 +104,15 @@ def beams_of_rings(xyz_m: Float[np.ndarray, "n 3"], ring: Int[np.ndarray, " n"],
     Raises NoBeams where points lie off their rings' beams (the cloud is not in the sensor's frame, or was put together
     of several sensors), and where two rings look the same way.
     """
-    if not len(ring) or ring.min() < 0:
+    if not len(ring) or ring.min() < first:
         raise NoBeams(
-            f"rings are {ring.min(initial=0)}..{ring.max(initial=0)} in {len(ring)} points; they count from 0"
+            f"rings are {ring.min(initial=0)}..{ring.max(initial=0)} in {len(ring)} points; they count from {first}"
         )
-    count = max(int(ring.max()) + 1, rings or 0)
+    highest = int(ring.max())
+    ring = ring - first
+    count = max(highest - first + 1, rings or 0)
     if count > 1024:
-        raise NoBeams(f"ring numbers reach {count - 1}; no sensor has more than 1024 beams: is it another field?")
+        raise NoBeams(f"ring numbers reach {highest}; no sensor has more than 1024 beams: is it another field?")
     rho = np.hypot(xyz_m[:, 0], xyz_m[:, 1]).astype(np.float64)
     z = xyz_m[:, 2].astype(np.float64)
     elevation = np.arctan2(z, rho)
@@ -130,7 +135,7 @@ def beams_of_rings(xyz_m: Float[np.ndarray, "n 3"], ring: Int[np.ndarray, " n"],
         off = np.abs(np.arctan2(z - origin[ring], rho) - middle[ring])
     if np.abs(middle).max() > np.pi / 2:
         raise NoBeams(
-            f"ring numbers reach {count - 1}, and {int(enough.sum())} have {ENOUGH_POINTS} points or more; so many "
+            f"ring numbers reach {highest}, and {int(enough.sum())} have {ENOUGH_POINTS} points or more; so many "
             "beams would look beyond the zenith: take those that the sensor has with --log.rings"
         )
     _check_on_beams(middle, off)
@@ -139,11 +144,14 @@ def beams_of_rings(xyz_m: Float[np.ndarray, "n 3"], ring: Int[np.ndarray, " n"],
     if len(close):
         a, b = order[close[0]], order[close[0] + 1]
         raise NoBeams(
-            f"rings {a} and {b} look the same way ({np.rad2deg(middle[a]):.3f} degrees): a cloud of two sensors, or "
-            "not in the sensor's frame"
+            f"rings {a + first} and {b + first} look the same way ({np.rad2deg(middle[a]):.3f} degrees): a cloud of "
+            "two sensors, or not in the sensor's frame"
         )
     return Beams(
-        elevation_rad=middle[order], origin_m=origin[order], ring=order, off_deg=float(np.rad2deg(np.median(off)))
+        elevation_rad=middle[order],
+        origin_m=origin[order],
+        ring=order + first,
+        off_deg=float(np.rad2deg(np.median(off))),
     )
 
 

@@ -12,6 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from jaxsim.cluster import check_scheduler
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.records import pair_settings
@@ -61,6 +62,8 @@ def make_set(
     firsts = [] if finished.is_file() else [dataset[positions[0]] for positions in splits.values()]
     for frame in firsts:
         check_frame(frame, prepare)
+    if firsts and cluster is not None:
+        check_scheduler(cluster, by="prepare")
     with working_in(out):
         if finished.is_file():
             _check_finished(folder, data, prepare, splits=splits)

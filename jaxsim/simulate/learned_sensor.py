@@ -177,14 +177,14 @@ class LearnedSensor:
         Raises ValueError where a raster is not what it must be (`check_rasters`), and where the images have not the
         aspect ratio and resolution of those that the run learned from.
         """
-        for name, raster in (("rgb", rgb), ("depth_m", depth_m)):
+        for name, raster in (("rgb", rgb), ("depth_m", depth_m), ("semantic", semantic), ("instance", instance)):
             check_array(raster, f"simulate: {name}")
         view = CameraFrame(
             rgb=np.asarray(rgb),
             camera=camera or self.run.camera,
             depth_m=np.asarray(depth_m),
-            semantic=semantic,
-            instance=instance,
+            semantic=None if semantic is None else np.asarray(semantic),
+            instance=None if instance is None else np.asarray(instance),
         )
         check_rasters(view, "simulate")
         check_image(view.rgb.shape[-3:-1], self.run)
@@ -221,6 +221,10 @@ def load(folder: Path | str) -> LearnedSensor:
 
     A run in a folder of that name comes first. Raises ValueError where there is no run, or it has saved nothing yet.
     """
+    if not isinstance(folder, str | Path):
+        raise ValueError(
+            f"run: {folder!r:.60} came; give the folder that `jaxsim train` made, or 'embedded', the packaged sensor"
+        )
     if is_embedded(folder):
         return LearnedSensor(*read_embedded())
     run = load_run(folder)

@@ -32,11 +32,15 @@ def test_a_worker_gets_whole_paths_and_the_folder_of_who_asked(tmp_path, monkeyp
         return (Done(item, work(item), "worker") for item in items)
 
     monkeypatch.setattr("jaxsim.cli.elsewhere.spread", spread)
+    asked = []
+    monkeypatch.setattr("jaxsim.cli.elsewhere.check_scheduler", lambda address, *, by: asked.append((address, by)))
     embedded = load("embedded")
     experiment = embedded.run.experiment
     experiment = replace(experiment, data=replace(experiment.data, root=Path("data")))
     learned = LearnedSensor(replace(embedded.run, experiment=experiment), embedded.params)
     monkeypatch.setattr("jaxsim.cli.elsewhere.load", lambda run: learned)
-    told = [*on_cluster(Named(Path("here")), by="test")([1, 2])]
+    shared = on_cluster(Named(Path("here")), by="test")
+    assert asked == [("tcp://a:1", "test")]  # before anything is begun
+    told = [*shared([1, 2])]
     assert told == [f"{tmp_path / 'here'} with frames of {tmp_path / 'data'}: {k}" for k in (1, 2)]
     assert on_cluster(Named(Path("here"), cluster=None), by="test") is None

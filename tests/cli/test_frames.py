@@ -35,6 +35,18 @@ def test_a_folder_of_clouds_becomes_frames_and_the_command_says_how(tmp_path, ca
     assert "3 were there" in capsys.readouterr().out
 
 
+def test_rings_that_count_from_one_are_told(tmp_path, capsys):
+    fields = room()
+    pcd(tmp_path / "one.pcd", fields | {"ring": fields["ring"] + np.uint16(1)}, "binary")
+    main(["frames", str(tmp_path / "one.pcd"), "--out", str(tmp_path / "out")])
+    printed = capsys.readouterr().out
+    assert "1 frame of 16 x 180 cells" in printed
+    assert (
+        "rings count from 1, as the first scans have it; if a ring 0 saw nothing in them, give --log.lines 17"
+        in printed
+    )
+
+
 def test_a_log_and_a_folder_must_be_given(tmp_path):
     with pytest.raises(SystemExit, match="give the log and --out FOLDER"):
         main(["frames"])

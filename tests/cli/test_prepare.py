@@ -125,6 +125,15 @@ def test_a_clusters_workers_write_the_bytes_of_the_plain_command_and_a_broken_fr
     assert contents("out" / SET) == contents(plain)
 
 
+def test_nothing_is_begun_before_the_cluster_answers(drives, tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install -e '.[dask]'")
+    monkeypatch.setattr("jaxsim.cluster.ANSWER_S", 0.2)
+    command = ["prepare", "kitti_raw", "--root", str(drives), "--out", str(tmp_path / "out"), *FLAGS]
+    with pytest.raises(SystemExit, match=r"prepare: no scheduler answers at tcp://127\.0\.0\.1:9; start one"):
+        main([*command, "--cluster", "tcp://127.0.0.1:9"])
+    assert not (tmp_path / "out").exists()
+
+
 def test_two_ways_at_once_are_refused(drives, tmp_path):
     command = ["prepare", "kitti_raw", "--root", str(drives), "--out", str(tmp_path / "out"), *FLAGS]
     with pytest.raises(SystemExit, match="--beam and --cluster are two ways"):

@@ -1,10 +1,12 @@
 import os
 from dataclasses import replace
+from inspect import unwrap
 
 import numpy as np
 import pytest
 
-from jaxsim.cloud import FORMATS, save_cloud
+from jaxsim.cloud import FORMATS, points_of, save_cloud
+from jaxsim.cloud.formats import table_of
 from jaxsim.data.clouds import read_cloud
 from jaxsim.frame import Cloud
 from tests.cloud.made_clouds import cloud, lined
@@ -90,6 +92,7 @@ def test_ring_and_time_come_back_by_other_programs(tmp_path, suffix):
         ({"intensity": lambda a: a * 300 + 2}, r"intensity spans .* it must lie in 0\.\.1"),
         ({"intensity": lambda a: np.full(a.shape, 200, np.uint8)}, r"divide 0\.\.255 by 255"),
         ({"intensity": lambda a: a[:-1]}, r"intensity is .* points; give a number a point"),
+        ({"xyz_m": lambda a: np.concatenate([a, a[:, :1]], 1)}, r"one cloud of shape \(n, 3\), got \(\d+, 4\)"),
         ({"valid": lambda a: a.astype(np.uint8)}, r"valid is .* of uint8 .* give true or false a point"),
     ],
 )
@@ -99,6 +102,33 @@ def test_what_readers_refuse_is_not_written(tmp_path, change, message):
         with pytest.raises(ValueError, match=f"cloud: .*{message}"):
             save_cloud(tmp_path / f"a{suffix}", wrong)
     assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("row", "time_s", "message"),
+    [
+        (lambda n: np.arange(n) + 0.5, None, "row is .* of float64 for .* points; give a whole number a point"),
+        (lambda n: np.arange(n - 1), None, "row is .* give a whole number a point"),
+        (None, lambda n: np.zeros(n - 1), "time_s is .* give seconds a point"),
+        (None, lambda n: np.zeros((n, 1)), "time_s is .* give seconds a point"),
+        (None, lambda n: np.full(n, np.nan), "time_s is NaN or infinite in .* give seconds, or leave it out"),
+    ],
+)
+def test_rows_and_times_are_one_a_point(row, time_s, message):
+    count = len(cloud().valid)
+    wrong = replace(cloud(), row=row and row(count))
+    with pytest.raises(ValueError, match=f"cloud: {message}"):
+        unwrap(table_of)(wrong, time_s and time_s(count))
+
+
+def test_an_array_is_answered_with_the_cloud_that_it_would_be():
+    with pytest.raises(ValueError, match=r"cloud: ndarray came; give a Cloud \(jaxsim\.frame\)"):
+        unwrap(points_of)(want(cloud()))
+
+
+def test_a_suffix_may_be_in_capitals(tmp_path):
+    small, large = save_cloud(tmp_path / "a.pcd", cloud()), save_cloud(tmp_path / "A.PCD", cloud())
+    assert large.read_bytes() == small.read_bytes()
 
 
 def test_a_cloud_without_points_is_written_with_a_warning(tmp_path):

@@ -24,6 +24,9 @@ from jaxsim.config.ranges import settings_of
         ("train demo --optim.lr nan", "lr .* is nan; it must be a finite number"),
         ("train demo --optim.betas 1 0.9", "betas .* it must be 0 or more and below 1, each"),
         ("frames LOG --log.columns 1", "columns .* is 1; it must be 2 or more and 65536 or less"),
+        ("prepare synthetic --out OUT --prepare.columns 1", "columns .* is 1; it must be 2 or more and 65536 or less"),
+        ("train demo --prepare.network-size 0 64", r"network-size .* is \(0, 64\); it must be 1 or more, each"),
+        ("train demo --prepare.max-range-m 0", "max-range-m .* is 0.0; it must be above 0"),
         ("train demo --run.keep 0", "keep .* is 0; it must be 1 or more"),
     ],
 )

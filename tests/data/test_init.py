@@ -1,5 +1,6 @@
 """Data sets by their kind."""
 
+from inspect import unwrap
 from typing import get_args
 
 import pytest
@@ -16,6 +17,34 @@ def test_every_kind_of_the_settings_is_a_row_of_the_table():
 def test_a_data_set_that_reads_files_needs_a_root():
     with pytest.raises(ValueError, match=r"kind kitti_raw reads files; name their folder with --data\.root"):
         open_dataset(DataConfig(kind="kitti_raw"))
+
+
+@pytest.mark.parametrize(
+    ("inside", "kind"),
+    [("2011_09_26", "kitti_raw"), ("sequences/00", "kitti_odometry"), ("Scene01", "vkitti2"), ("other", "KIND")],
+)
+def test_a_folder_in_the_place_of_a_kind_is_answered_with_both(tmp_path, inside, kind):
+    (tmp_path / inside).mkdir(parents=True)
+    with pytest.raises(ValueError, match=rf"open_dataset\('{kind}', '{tmp_path}'\); known kinds: synthetic, kitti_raw"):
+        open_dataset(str(tmp_path))
+
+
+@pytest.mark.parametrize("index", [1.5, "a", slice(0, 2), None])
+def test_frames_of_every_kind_are_asked_for_by_number(raw_root, object_root, step_root, virtual_root, index):
+    configs = [
+        DataConfig(),
+        DataConfig("kitti_raw", raw_root),
+        DataConfig("kitti_object", object_root),
+        DataConfig("kitti", raw_root),
+        DataConfig("kitti_step", step_root, scenes=("0000",)),
+        DataConfig("vkitti2", virtual_root, scenes=("Scene01",)),
+    ]
+    for dataset in map(open_dataset, configs):
+        told = f"{dataset.name}: a frame is given by its number, 0 to {len(dataset) - 1}, not by "
+        with pytest.raises(TypeError, match=told):
+            unwrap(type(dataset).__getitem__)(dataset, index)
+        with pytest.raises(IndexError):
+            dataset[len(dataset)]
 
 
 def test_a_folder_beside_a_config_is_the_one_that_is_read(tmp_path):

@@ -1,11 +1,13 @@
 """A training pair as a record."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from jaxsim.data.records import Entry, PreparedPairs, check_example
+from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.data.records import Entry, PreparedPairs, check_example, pair_settings
 
 
 @pytest.mark.parametrize(
@@ -22,6 +24,17 @@ def test_a_kept_pair_of_other_types_and_shapes_is_no_pair(change, message):
     check_example(right)
     with pytest.raises(ValueError, match=message):
         check_example({"row": np.zeros((4, 8), "f4"), **right, **change})
+
+
+def test_settings_of_how_a_network_sees_pairs_are_none_of_theirs():
+    plain, asked = DataConfig(), PrepareConfig(inputs=("rgb", "edges"))
+    seen = replace(asked, inputs=("semantic",), classes=(7,), network_size=(32, 64), max_range_m=80)
+    assert pair_settings(plain, seen) == pair_settings(plain, asked)
+    # As sets and folders of pairs have it that are kept.
+    kept = {"inputs": ["semantic"], "classes": [], "network_size": [0, 0], "max_range_m": 0.0}
+    assert pair_settings(plain, asked)["prepare"].items() >= kept.items()
+    assert pair_settings(plain, replace(asked, inputs=("rgb",)))["prepare"]["inputs"] == []
+    assert pair_settings(plain, replace(asked, columns=64)) != pair_settings(plain, asked)
 
 
 class Read(NamedTuple):

@@ -1,16 +1,27 @@
 from typing import ClassVar
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxsim.data.select import select, select_or_all
+from jaxsim.data.select import frame_number, select, select_or_all
 
 
 def test_ranges_and_single_numbers_keep_their_order():
     assert select("0-3,7", range(8)) == [0, 1, 2, 3, 7]
     assert select(" 5 , 1 - 2", range(6)) == [5, 1, 2]
     assert select("0-9:4,3", range(10)) == [0, 4, 8, 3]
+
+
+def test_a_frame_is_given_by_a_whole_number_within_the_ends():
+    assert [frame_number(index, "kitti", 6) for index in (0, 5, np.int64(3), -1)] == [0, 5, 3, -1]
+    for index, told in ((1.0, "1.0"), ("3", "'3'"), (slice(0, 2), r"slice\(0, 2, None\)")):
+        with pytest.raises(TypeError, match=f"kitti: a frame is given by its number, 0 to 5, not by {told}; for"):
+            frame_number(index, "kitti", 6)
+    for index in (6, -7):
+        with pytest.raises(IndexError, match=f"kitti: there is no frame {index}; the data set has 0 to 5"):
+            frame_number(index, "kitti", 6)
 
 
 @given(st.sets(st.integers(0, 50), min_size=1))

@@ -137,7 +137,7 @@ def test_a_negative_number_of_nulls_is_refused(comparison):
 
 
 def test_an_unknown_candidate_is_an_error_that_lists_the_known(comparison):
-    with pytest.raises(ValueError, match="no effect named 'beam_gian'; known: extrinsic_rotation"):
+    with pytest.raises(ValueError, match=r"no effect named 'beam_gian'; did you mean beam_gain\?"):
         discover(comparison, effects=("beam_gian",))
 
 

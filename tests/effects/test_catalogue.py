@@ -345,7 +345,7 @@ def test_laws_that_turn_or_move_rays_say_that_surfaces_are_looked_up_again():
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones():
-    with pytest.raises(ValueError, match="known: extrinsic_rotation, extrinsic_translation"):
+    with pytest.raises(ValueError, match="Known: extrinsic_rotation, extrinsic_translation"):
         get_effect("magic")
 
 

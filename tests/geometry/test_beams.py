@@ -24,6 +24,16 @@ def test_unknown_rings_have_no_row():
     assert (beams_of_rings(xyz, ring).rows_of(np.array([-3, 16, 99])) == -1).all()
 
 
+def test_rings_that_count_from_one_are_as_many_as_those_from_zero():
+    xyz, ring, spec = cloud("vlp16")
+    beams = beams_of_rings(xyz, ring + 1, first=1)
+    np.testing.assert_allclose(beams.elevation_rad, spec.elevation_rad, atol=2e-5)
+    np.testing.assert_array_equal(beams.rows_of(ring + 1), ring)
+    assert len(beams_of_rings(xyz, ring + 1, rings=20, first=1).ring) == 20
+    with pytest.raises(ValueError, match=r"rings are 0\.\.15 in \d+ points; they count from 1"):
+        beams_of_rings(xyz, ring, first=1)
+
+
 @pytest.mark.parametrize("name", ["vlp16", "hdl32e", "os1_128"])
 def test_gaps_between_elevations_tell_rings(name):
     xyz, ring, spec = cloud(name)

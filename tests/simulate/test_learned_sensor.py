@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 from inspect import unwrap
 
+import jax
 import numpy as np
 import pytest
 
@@ -103,6 +104,20 @@ WRONG = {
     "a mask": ({"semantic": lambda a: a > 0}, "semantic holds bool; it must be Cityscapes ids"),
     "objects as floats": ({"instance": lambda a: a.astype(np.float32)}, "instance holds float32; .*astype"),
 }
+
+
+def test_lists_are_taken_for_the_arrays_that_they_are(raw):
+    arrays, simulate, _ = raw
+    lists = {name: arrays[name].tolist() for name in ("depth_m", "semantic", "instance")}
+    jax.tree.map(np.testing.assert_array_equal, simulate(**arrays | lists), simulate(**arrays))
+    masked = np.ma.masked_array(arrays["semantic"], mask=arrays["semantic"] == 23)
+    with pytest.raises(ValueError, match="simulate: semantic is a masked array"):
+        simulate(**arrays | {"semantic": masked})
+
+
+def test_what_names_no_run_is_answered_with_what_does():
+    with pytest.raises(ValueError, match=r"run: None came; give the folder that `jaxsim train` made, or 'embedded'"):
+        unwrap(load)(None)
 
 
 @pytest.mark.parametrize("what", WRONG)

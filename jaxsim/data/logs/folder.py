@@ -67,6 +67,11 @@ class Written:
             lines.append(
                 f"  beams from {top:.2f} to {bottom:.2f} degrees; points miss them by {layout.beams.off_deg:.3f}"
             )
+            if layout.beams.ring.min() > 0:
+                lines.append(
+                    "  rings count from 1, as the first scans have it; if a ring 0 saw nothing in them, give "
+                    f"--log.lines {len(layout.beams.ring) + 1}, with another --out"
+                )
             lines.append(f"  intensity 0..{layout.full_scale:g} became 0..1")
             if not np.allclose(layout.cloud_from_sensor, np.eye(4)):
                 x, y, z = layout.cloud_from_sensor[:3, 3]

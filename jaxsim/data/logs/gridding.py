@@ -3,6 +3,7 @@ them."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.calibration import check_rigid
-from jaxsim.data.logs.scan import LogOptions, LogScan, ring_of_shape
+from jaxsim.data.logs.scan import RING, LogOptions, LogScan, ring_of_shape
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import parse_settings, placed
 from jaxsim.frame import PolarGrid, PolarImage
@@ -21,9 +22,16 @@ from jaxsim.geometry.mount import fit_mount
 from jaxsim.geometry.points import FAR_M
 from jaxsim.geometry.rows import nearest_beams
 
+_log = logging.getLogger(__name__)
+
 FIRST = 5
 """Scans from which the sensor is told: a beam that looks into the sky has no return in one of them."""
-TURN_S = 10.0
+LEAST_TURN_S, TURN_S = 5e-3, 10.0
+"""Seconds that a turn takes: ten times less, and a hundred times more, than those of the fastest sensors, 20 Hz."""
+_UNITS = {"microseconds": 1e3, "milliseconds": 1e6}
+"""Units in which whole numbers are no nanoseconds, for which they are taken, and how much longer a turn then is."""
+_DARK = 1 / 200
+"""Share of full scale under which no log stays; bytes in 16 bits do, at 1 / 257."""
 _MOUNT_M = (0.0, 0.0, 1.7)
 """Where a car's LiDAR stands, about."""
 _SAME_FIRING_RAD = 2e-5
@@ -93,8 +101,10 @@ def infer_layout(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> S
     does."""
     scale = options.full_scale or _full_scale(scans)
     first, problem = scans[0], NoBeams("no ring")
-    if not any(len(returned(scan).xyz_m) for scan in scans):
+    if not any(scan.came_back.any() for scan in scans):
         raise ValueError(f"{by}: no point of {first.name} came back; is the recording empty, or its field another?")
+    for scan in scans:
+        check_near(np.linalg.norm(scan.xyz_m[scan.came_back], axis=1), f"{by}: {scan.name}")
     # An organised cloud does not say which of its axes counts beams: the one along which elevations agree.
     for axis in (None,) if first.ring is not None or first.shape is None else (0, 1):
         try:
@@ -105,6 +115,9 @@ def infer_layout(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> S
         "give --log.mount fit where the points are in a car's frame, --log.rings 0-31 where they are of several "
         "sensors, --log.sensor hdl32e where the car's motion was taken out, or the log as the sensor's driver wrote it"
     )
+    if first.ring is None and first.fields:
+        names = f"{', '.join(RING[:-1])} or {RING[-1]}"
+        hint += f"; its points have {', '.join(first.fields)}, and the ring's name would be {names}"
     raise ValueError(f"{by}: the sensor's beams cannot be told from {first.name}: {problem}; {hint}") from problem
 
 
@@ -134,7 +147,7 @@ def _layout(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
             missed = np.abs(along - spec.elevation_rad[row])[row >= 0]
             beams = replace(beams, off_deg=float(np.rad2deg(np.median(missed))))
     else:
-        beams = beams_of_rings(xyz, ring, rings=options.lines)
+        beams = beams_of_rings(xyz, ring, rings=options.lines, first=_first_ring(scans, options))
     azimuth = np.arctan2(xyz[:, 1], xyz[:, 0]).astype(np.float64)
     # Of one scan, the fullest: a recording often begins within a turn, and turns do not fire at the same azimuths.
     sizes = [len(p.xyz_m) for p in parts]
@@ -154,14 +167,31 @@ def _all_rings(parts: Sequence[LogScan], options: LogOptions) -> Int[np.ndarray,
     return rings_by_elevation(np.concatenate([p.xyz_m for p in parts]), lines=options.lines).astype(np.int64)
 
 
+def _first_ring(scans: Sequence[LogScan], options: LogOptions) -> int:
+    """Where the log's rings count from: 1 where that is the lowest in all scans, of rays without return too."""
+    rings = [scan.ring for scan in scans if scan.ring is not None and len(scan.ring)]
+    lowest, highest = min((ring.min() for ring in rings), default=0), max((ring.max() for ring in rings), default=0)
+    # Of more beams than there are numbers, one without return is the first.
+    return int(lowest == 1 and (options.lines or 0) <= highest)
+
+
 def _full_scale(scans: Sequence[LogScan]) -> float:
-    """The format's own scale; else 1 or 255, whichever the scans stay under."""
-    if scans[0].full_scale is not None:
-        return scans[0].full_scale
+    """The format's own scale; else 1 or 255, whichever the scans stay under. Warns where they stay far under it."""
     largest = max(float(np.nanmax(scan.intensity, initial=0)) for scan in scans)
+    scale = scans[0].full_scale or _usual_scale(largest, scans[0].name)
+    if 0 < largest < _DARK * scale:
+        likely = next((f"{usual:g}" for usual in (1, 255) if largest <= usual < scale), "and the sensor's own")
+        _log.warning(
+            f"frames: intensity reaches {largest:g} in the first scans, and {scale:g} is taken for full scale: frames "
+            f"will be dark; if it is another, give --log.full-scale {likely}, with another --out"
+        )
+    return scale
+
+
+def _usual_scale(largest: float, name: str) -> float:
     if largest > 255:
         raise ValueError(
-            f"frames: intensity reaches {largest:g} in {scans[0].name}, and the format does not say what is full "
+            f"frames: intensity reaches {largest:g} in {name}, and the format does not say what is full "
             "scale; give it: --log.full-scale 65535, or the sensor's own"
         )
     # Drivers write shares or bytes; a dark scan in bytes still has one point above 1.
@@ -169,12 +199,20 @@ def _full_scale(scans: Sequence[LogScan]) -> float:
 
 
 def returned(scan: LogScan, axis: int | None = None) -> LogScan:
-    """The scan without points that are none: those not finite or at the origin. Rings are told along `axis`."""
+    """The scan without points that are none. Rings are told along `axis`."""
     ring = scan.ring
     if ring is None and axis is not None and scan.shape is not None:
         ring = ring_of_shape(scan.shape, axis)
-    usable = np.isfinite(scan.xyz_m).all(axis=1) & (np.abs(scan.xyz_m) > 0).any(axis=1) & np.isfinite(scan.intensity)
-    return replace(scan, ring=ring).only(usable)
+    return replace(scan, ring=ring).only(scan.came_back)
+
+
+def check_near(range_m: Float[np.ndarray, " n"], where: str) -> None:
+    """Raises ValueError, beginning with `where`, for ranges that no LiDAR sees."""
+    if range_m.max(initial=0) > FAR_M:
+        raise ValueError(
+            f"{where}: a point lies {range_m.max():g} off, and no LiDAR sees beyond {FAR_M:g} m; coordinates must be "
+            "in metres (divide millimetres by 1000)"
+        )
 
 
 def in_frame(xyz_m: Float[np.ndarray, "n 3"], cloud_from_sensor: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:
@@ -223,16 +261,29 @@ def to_sweep(scan: LogScan, layout: ScanLayout, options: LogOptions, *, by: str)
     origin = np.asarray(layout.grid.origin_m)[np.clip(row, 0, None)]
     # From the beam's own origin, as the grid has its rays.
     range_m = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2 + (xyz[:, 2] - origin) ** 2)
-    if range_m.max() > FAR_M:
-        raise ValueError(
-            f"{where}: a point lies {range_m.max():g} off, and no LiDAR sees beyond {FAR_M:g} m; coordinates must be "
-            "in metres"
-        )
+    check_near(range_m, where)
     azimuth = np.arctan2(xyz[:, 1], xyz[:, 0])
     inside &= _one_return(azimuth, row, intensity=intensity, range_m=range_m, returns=options.returns)
     on_grid = np.flatnonzero(inside)
     column = assign_columns(azimuth[on_grid], row[on_grid], layout.grid)
+    _check_turn(span_s, column, layout.grid, where=where)
     return _on_grid(scan, layout, on_grid, row=row[on_grid], column=column, range_m=range_m, intensity=intensity)
+
+
+def _check_turn(span_s: float, column: Int[np.ndarray, " n"], grid: PolarGrid, *, where: str) -> None:
+    """Raises ValueError where a turn at the speed of this part of one would be over sooner than any sensor's."""
+    azimuths = np.asarray(grid.azimuth_rad, np.float64)
+    seen_rad = len(np.unique(column)) * abs(azimuths[0] - azimuths[-1]) / (len(azimuths) - 1)
+    turn_s = span_s * 2 * np.pi / max(seen_rad, 1e-9)
+    # Where all times are the same, they are the scan's own.
+    if not 0 < turn_s < LEAST_TURN_S:
+        return
+    likely = [unit for unit, longer in _UNITS.items() if LEAST_TURN_S <= turn_s * longer <= TURN_S]
+    raise ValueError(
+        f"{where}: the times of its points span {span_s:g} s, and a turn takes at least {LEAST_TURN_S:g}: whole "
+        f"numbers are nanoseconds, others seconds{f' (whole {likely[0]} look so)' if likely else ''}; write them so, "
+        "or leave the field out"
+    )
 
 
 def _one_return(

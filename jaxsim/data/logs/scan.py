@@ -8,13 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from annotated_types import Ge, Le
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.config.ranges import Checked, Count, Positive
+from jaxsim.config.ranges import Checked, Columns, Count, Positive
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import check_size, first_line
 from jaxsim.geometry import LidarSpec
@@ -22,7 +21,8 @@ from jaxsim.geometry import LidarSpec
 RING = ("ring", "laser_number", "channel", "beam", "beam_id", "line", "laser_id", "laserid", "scan_line", "row")
 """Names of the beam's number in drivers and data sets, the likeliest first."""
 TIME = ("t", "time", "timestamp", "offset_time", "offset_ns", "time_offset", "gps_time", "time_stamp", "timeStampNs")
-INTENSITY = ("intensity", "reflectivity", "i", "scalar_Intensity", "scalar_intensity", "signal", "reflectance")
+INTENSITY = ("intensity", "reflectivity", "i", "signal", "reflectance")
+_CLOUDCOMPARE = "scalar_"
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,14 @@ class LogScan:
     """Whether the turn is known to have begun before the recording, or to end after it."""
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Further values of each point by the names of polar frames: semantic, instance, incidence."""
+    fields: tuple[str, ...] = ()
+    """Names of a point's values in the log, which are told where one is missed."""
+
+    @property
+    def came_back(self) -> Bool[np.ndarray, " n"]:
+        """Which points are returns: others are not finite, or at the origin."""
+        at_origin = (self.xyz_m == 0).all(axis=1)
+        return np.isfinite(self.xyz_m).all(axis=1) & ~at_origin & np.isfinite(self.intensity)
 
     def only(self, mask: Bool[np.ndarray, " n"]) -> LogScan:
         """The scan with some of its points. It is no longer organised."""
@@ -91,7 +99,7 @@ class LogOptions(Checked):
     classes: str = ""
     """Of range images: what their numbers of classes are, `semantickitti` for that set's 20, or pairs of a number and a
     Cityscapes class, `0:road,2:building`. Empty: frames have no classes."""
-    columns: Annotated[int, Ge(2), Le(2**16)] | None = None
+    columns: Columns | None = None
     """Columns of the frames. None given: as many as a beam fires in a turn."""
     mount: Literal["", "sensor", "fit"] = ""
     """`fit`: the points are in a car's frame; where the sensor was is told from its beams. Empty: as the source has
@@ -177,8 +185,8 @@ def scan_of_fields(
 ) -> LogScan:
     """A scan of arrays by the names of their fields, which drivers and data sets spell as RING, TIME and INTENSITY say.
 
-    `where` is what the errors name. Times in whole numbers are nanoseconds, others seconds. Raises ValueError where
-    coordinates or intensity are missing.
+    `where` is what the errors name. Times in whole numbers are nanoseconds, others seconds. Points that neither came
+    back nor have a ring are left out. Raises ValueError where coordinates or intensity are missing.
     """
     missing = [axis for axis in "xyz" if axis not in values]
     if missing:
@@ -186,29 +194,49 @@ def scan_of_fields(
             f"{by}: {where} has no field {', '.join(missing)}; it has {', '.join(values) or 'none'}: a cloud "
             "has x, y, z"
         )
-    key = options.intensity or next((known for known in INTENSITY if known in values), "")
+    key = options.intensity or _name_of(INTENSITY, values)
     if key not in values:
         raise ValueError(
             f"{by}: {where} has no field {key or 'intensity'}; it has {', '.join(values)}: name the one that holds it "
             "with --log.intensity"
         )
-    ring = next((values[known] for known in RING if known in values), None)
-    times = next((values[known] for known in TIME if known in values), None)
-    if ring is not None and ring.dtype.kind == "f":
-        if not np.array_equal(ring, np.round(ring)):
-            raise ValueError(f"{by}: {where} has rings that are no whole numbers; is it another field?")
-        ring = ring.astype(np.int64)
+    times = values.get(_name_of(TIME, values))
     known: dict[str, Any] = {"full_scale": scale_of(values[key])} | more
-    return LogScan(
+    scan = LogScan(
         name=name,
         scene=scene,
         xyz_m=np.stack([values[axis].ravel() for axis in "xyz"], axis=1).astype(np.float32),
         intensity=values[key].ravel().astype(np.float32),
-        ring=None if ring is None else ring.ravel().astype(np.int64),
         offset_s=None if times is None else offsets(times.ravel()),
         time_s=time_s,
+        fields=tuple(values),
         **known,
     )
+    key = _name_of(RING, values)
+    if not key:
+        return scan
+    ring = values[key].ravel()
+    if ring.dtype.kind == "f":
+        # Organised clouds have a place for rays without return, and some drivers write NaN into all of it.
+        told = np.isfinite(ring) | scan.came_back
+        scan, ring = (scan, ring) if told.all() else (scan.only(told), ring[told])
+        if not np.array_equal(ring, np.round(ring)):
+            raise ValueError(
+                f"{by}: {where} has rings that are no whole numbers, in its field {key}; is it another field?"
+            )
+    return replace(scan, ring=ring.astype(np.int64))
+
+
+def _name_of(known: Iterable[str], fields: Iterable[str]) -> str:
+    """The first of the known names that a field has, or has as CloudCompare writes it (`scalar_Gps_Time`); else
+    nothing."""
+    plain = {_plain(name): name for name in fields if name.startswith(_CLOUDCOMPARE)}
+    plain |= {name: name for name in fields}
+    return next((plain[name] for one in known for name in (one, _plain(one)) if name in plain), "")
+
+
+def _plain(name: str) -> str:
+    return name.removeprefix(_CLOUDCOMPARE).replace("_", "").lower()
 
 
 def offsets(times: np.ndarray) -> Float[np.ndarray, " n"]:

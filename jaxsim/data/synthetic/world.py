@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from jaxsim.data.select import frame_number
 from jaxsim.data.synthetic.layout import STATISTICS, Drive, lay_out
 from jaxsim.data.synthetic.light import map_borders
 from jaxsim.data.synthetic.raycast import TileSolids
@@ -114,8 +115,8 @@ class SyntheticWorld:
         return 1_000_000
 
     def __getitem__(self, index: int) -> Frame:
-        """Renders frame `index`. Raises IndexError outside 0 .. len - 1."""
-        moment = self._moment(index)
+        """Renders frame `index`. Raises IndexError outside 0 .. len - 1, and TypeError for what is no number."""
+        moment = self._moment(frame_number(index, self.name, len(self)))
         view, image = side_by_side(
             lambda: self._view(moment),
             lambda: self.measure(index, self._truth(moment)),
@@ -155,7 +156,7 @@ class SyntheticWorld:
 
     def _moment(self, index: int) -> _Moment:
         if not 0 <= index < len(self):
-            raise IndexError(f"synthetic world: frame {index} is not in 0 .. {len(self) - 1}")
+            raise IndexError(f"{self.name}: there is no frame {index}; the world has 0 to {len(self) - 1}")
         drive = _drive(self.seed, index // FRAMES_PER_DRIVE, self.streets)
         time_s = FRAME_S * (index % FRAMES_PER_DRIVE)
         curvature = float(drive.street.curvature)

@@ -110,7 +110,7 @@ def get_effect(name: str) -> Effect:
     """The effect of that name. Raises ValueError that lists the known names."""
     if name not in EFFECTS:
         raise ValueError(
-            f"no effect named {name!r}; known: {', '.join(EFFECTS)}{guess(name, EFFECTS)} One of your own needs "
-            "--effects-from FILE.py, or its package installed"
+            f"no effect named {name!r}{guess(name, EFFECTS)} One of your own needs --effects-from FILE.py, or its "
+            f"package installed. Known: {', '.join(EFFECTS)}"
         )
     return EFFECTS[name]

@@ -1,5 +1,7 @@
 """Scans on a grid: every firing in a cell of its own, rows top first, one return a firing."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,28 @@ def test_rings_in_any_order_become_rows_top_first(fields):
     order = np.random.default_rng(2).permutation(RINGS)
     sweep = swept(fields | {"ring": order[fields["ring"]].astype("u2")})
     np.testing.assert_allclose(sweep.image.range_m, expected(fields)[0], rtol=1e-5)
+
+
+def test_rings_may_count_from_one_and_later_scans_are_counted_alike(fields):
+    fields["ring"] += 1
+    first = scan(fields)
+    layout = infer_layout([first] * 2, ASKED, by="test")
+    np.testing.assert_allclose(layout.grid.elevation_rad, ELEVATION, atol=1e-6)
+    np.testing.assert_array_equal(layout.beams.ring, np.arange(RINGS)[::-1] + 1)
+    seen = fields["ring"] > 3  # the lowest ring of a later scan says nothing
+    later = to_sweep(first.only(seen), layout, ASKED, by="test")
+    np.testing.assert_array_equal(later.image.valid.all(axis=1), np.arange(RINGS) < RINGS - 3)
+
+
+def test_a_first_ring_that_saw_nothing_keeps_its_row_where_the_log_tells_of_it(fields):
+    """By the number of the beams, or by rays of it that did not come back."""
+    seen = fields["ring"] > 0
+    lines = LogOptions(lines=RINGS)
+    given = scan({key: value[seen] for key, value in fields.items()})
+    assert len(infer_layout([given], ASKED, by="test").beams.ring) == RINGS - 1
+    assert len(infer_layout([given], lines, by="test").beams.ring) == RINGS
+    lost = scan(fields | {"x": np.where(seen, fields["x"], np.nan)})
+    assert len(infer_layout([lost], ASKED, by="test").beams.ring) == RINGS
 
 
 def test_a_ring_that_saw_nothing_keeps_its_row(fields):
@@ -111,7 +135,9 @@ def test_clouds_without_rings_or_lines_are_refused(fields):
     del fields["ring"]
     fields["z"] = fields["z"] + np.random.default_rng(0).normal(0, 0.5, len(fields["z"])).astype("f4")
     with pytest.raises(
-        ValueError, match=r"test: the sensor's beams cannot be told from 000000: .*have no ring.*--log.mount fit"
+        ValueError,
+        match=r"test: the sensor's beams cannot be told from 000000: .*have no ring.*--log.mount fit.*"
+        r"its points have x, y, z, intensity, t, and the ring's name would be ring, laser_number",
     ):
         swept(fields)
 
@@ -162,6 +188,12 @@ def test_a_sensor_that_looks_ahead_gets_a_window(fields):
             {"t": np.linspace(0, 1e5, RINGS * FIRINGS)},
             r"times of its points span 100000 s, and a turn takes at most 10",
         ),
+        (
+            {"t": np.linspace(0, 1e5, RINGS * FIRINGS).astype("u4")},
+            r"span 0\.0001 s, and a turn takes at least 0\.005: .*\(whole microseconds look so\); write them so",
+        ),
+        ({"t": np.linspace(0, 100, RINGS * FIRINGS).astype("u4")}, r"\(whole milliseconds look so\); write them so"),
+        ({"x": room()["x"] * 1000, "ring": np.arange(RINGS * FIRINGS) % 7}, "must be in metres .divide millimetres"),
         ({"ring": np.full(RINGS * FIRINGS, 0.5)}, "rings that are no whole numbers"),
         ({"ring": np.zeros(RINGS * FIRINGS, "u2")}, "two are needed to tell a sensor"),
         ({"ring": np.arange(RINGS * FIRINGS) % 7}, "the rings are not its beams"),
@@ -172,6 +204,33 @@ def test_a_sensor_that_looks_ahead_gets_a_window(fields):
 def test_values_that_cannot_be_are_named(fields, change, message):
     with pytest.raises(ValueError, match=message):
         swept(fields | change)
+
+
+def test_a_part_of_a_turn_may_be_short_and_one_time_for_all_points_is_the_scans(fields):
+    layout = infer_layout([scan(fields)], ASKED, by="test")
+    part = scan(fields).only(np.arange(RINGS * FIRINGS) < RINGS * 5)
+    assert 0 < np.ptp(part.offset_s) < 5e-3
+    to_sweep(part, layout, ASKED, by="test")
+    to_sweep(scan(fields | {"t": np.full(RINGS * FIRINGS, 7, "u4")}), layout, ASKED, by="test")
+
+
+@pytest.mark.parametrize(
+    ("largest", "kind", "told"),
+    [
+        (255, "u2", "reaches 255 in the first scans, and 65535 is taken for full scale: .*--log.full-scale 255, with"),
+        (1, "u1", "reaches 1 in the first scans, and 255 is taken for full scale: .*--log.full-scale 1, with"),
+        (300, "u2", "--log.full-scale and the sensor's own, with"),
+        (400, "u2", ""),
+        (0, "u2", ""),
+    ],
+)
+def test_intensities_far_under_full_scale_are_told(fields, caplog, largest, kind, told):
+    dark = scan(fields | {"intensity": np.linspace(0, largest, RINGS * FIRINGS).astype(kind)})
+    infer_layout([dark], ASKED, by="test")
+    assert re.search(told, caplog.text) if told else not caplog.text
+    caplog.clear()
+    infer_layout([dark], LogOptions(full_scale=255), by="test")
+    assert not caplog.text
 
 
 def test_missing_fields_are_named(fields):

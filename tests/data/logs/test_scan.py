@@ -3,7 +3,43 @@
 import numpy as np
 import pytest
 
-from jaxsim.data.logs.scan import offsets, reading, ring_of_shape, scale_of
+from jaxsim.data.logs import LogOptions
+from jaxsim.data.logs.scan import offsets, reading, ring_of_shape, scale_of, scan_of_fields
+from tests.data.logs.conftest import room
+
+
+def scan(fields):
+    return scan_of_fields(fields, LogOptions(), by="test", where="here", name="a", scene="room")
+
+
+@pytest.mark.parametrize("time", ["scalar_GpsTime", "scalar_Gps_Time", "scalar_gps_time", "scalar_Time"])
+def test_fields_are_known_as_cloudcompare_writes_them(time):
+    plain = room() | {"t": np.linspace(0, 0.1, len(room()["t"]), dtype="f4")}
+    names = {"intensity": "scalar_Intensity", "ring": "scalar_Ring", "t": time}
+    saved = scan({names.get(name, name): value.astype("f4") for name, value in plain.items()})
+    for name in ("intensity", "ring", "offset_s"):
+        np.testing.assert_array_equal(getattr(saved, name), getattr(scan(plain), name))
+
+
+def test_a_field_of_the_plain_name_goes_before_one_of_cloudcompares():
+    fields = room()
+    both = scan({"scalar_Ring": np.zeros_like(fields["ring"])} | fields)
+    np.testing.assert_array_equal(both.ring, fields["ring"])
+
+
+def test_points_that_neither_came_back_nor_have_a_ring_are_left_out():
+    fields = room()
+    ring = fields["ring"].astype("f4")
+    ring[:3] = np.nan
+    fields["x"][:2], fields["x"][5] = np.nan, np.nan
+    for axis in "xyz":
+        fields[axis][2] = 0
+    read = scan(fields | {"ring": ring})
+    assert len(read.xyz_m) == len(ring) - 3
+    np.testing.assert_array_equal(read.ring, fields["ring"][3:])
+    ring[7] = np.nan
+    with pytest.raises(ValueError, match=r"here has rings that are no whole numbers, in its field ring"):
+        scan(fields | {"ring": ring})
 
 
 def test_times_in_whole_numbers_are_nanoseconds_and_others_seconds():

@@ -59,7 +59,7 @@ def test_a_drive_is_one_street_that_the_car_passes_through(world: SyntheticWorld
 
 def test_numbers_outside_the_world_are_refused(world: SyntheticWorld) -> None:
     for number in (-1, len(world)):
-        with pytest.raises(IndexError, match="not in 0"):
+        with pytest.raises(IndexError, match=rf"synthetic: there is no frame {number}; .* 0 to 999999"):
             world[number]
 
 
