@@ -13,7 +13,16 @@ from jaxsim.discover.find.dependences import dependences_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.doubts import DENIED, NO_DOUBTS, OUTDONE, SHOWN_BY, SHOWN_ELSEWHERE, Doubts
+from jaxsim.discover.name.doubts import (
+    BY_MATERIAL,
+    DENIED,
+    NO_DOUBTS,
+    OUTDONE,
+    SHOWN_BY,
+    SHOWN_ELSEWHERE,
+    Doubts,
+    goes_by,
+)
 from jaxsim.discover.name.null_draws import draw_nulls
 from jaxsim.discover.name.other_sides import CONTROL
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, add_steps, choose, step_along, with_steps
@@ -184,14 +193,15 @@ def decide(
 
 
 def untouched(choice: Choice, curve: FreeCurve, beside: Beside) -> list[FittedStep]:
-    """The effects of a curve's channel that have nothing to do with it: they do not go by its covariate, and gain with
-    its law in place most of what they did."""
+    """The effects of a curve's channel that have nothing to do with it: they do not go by its covariate, nor by what
+    materials differ by, and gain with its law in place most of what they did."""
     dependence, _ = curve
     others = {
         step.chosen.effect.name: step
         for step in choice.steps
         if dependence.channel in step.chosen.effect.channels
         and dependence.covariate not in step.chosen.effect.covariates
+        and not goes_by(step.chosen.effect, BY_MATERIAL)
         and step.chosen.effect.name not in FINEST
     }
     if not others:

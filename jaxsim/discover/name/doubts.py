@@ -37,8 +37,10 @@ UNFOUNDED = "the noise of neighbouring readings does not grow as echoes weaken"
 OF_MATERIALS = "no class tells materials apart, and these alone make as much"
 BY_PLACE = ("range", "row", "height")
 """Covariates by which materials stand: near by or far off, low or high ..."""
-BY_SURFACE = (*BY_PLACE, "incidence", "class", "power", "intensity")
-"""... and those that differ from material to material."""
+BY_MATERIAL = ("incidence", "class", "power", "intensity")
+"""... those that differ from material to material ..."""
+BY_SURFACE = (*BY_PLACE, *BY_MATERIAL)
+"""... and both."""
 RARELY_IF_EVER = "the interval of how often it acts holds never"
 
 

@@ -13,6 +13,7 @@ from jaxsim.discover.find.division import Division
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.null_model import Residuals
+from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.model.random_effects import shared_levels
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
@@ -182,6 +183,7 @@ def notes(comparison: Comparison, division: Division, answer: Answer, *, held: S
         *_of_the_simulator(comparison, division),
         *_not_said(answer),
         *_of_places(comparison, answer),
+        *_of_averages(comparison, division, answer),
         *(
             f"not confirmed on unseen scenes: {curve} explained the scenes that the search saw, but the judge scenes "
             "do not gain in the mean; it is not added"
@@ -294,6 +296,19 @@ def _of_places(comparison: Comparison, answer: Answer) -> Iterator[str]:
             "material stands near by and another far off, or in the rows of some beams, in every scene, and the "
             "simulator has one of them too bright, that looks the same; frames with `semantic` tell the two apart"
         )
+
+
+def _of_averages(comparison: Comparison, division: Division, answer: Answer) -> Iterator[str]:
+    """Larger contrasts than a simulator has that may have shrunk them itself."""
+    for step in answer.choice.steps:
+        effect = step.chosen.effect
+        larger = effect.plain_name == "gamma_response" and float(to_values(effect, step.fit.z)["gamma"]) > 1
+        if larger and comparison.control is NO_CONTROL and _noises(division.simulator.noise):
+            yield (
+                "gamma_response: measured contrasts are larger than simulated ones. A simulator that learned, or that "
+                "averages, shrinks them by itself (it regresses to the mean), which looks the same; an answer on "
+                "drives where the sensor was as it should be tells the two apart (--control)"
+            )
 
 
 def _noises(noise: Levels) -> list[str]:

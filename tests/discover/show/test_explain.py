@@ -1,6 +1,7 @@
 """What is said of the candidates that are not named, and what a reader must know."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ import pytest
 from jaxsim.discover.find.division import Division
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.null_model import Residuals
+from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.doubts import DENIED, NEGLIGIBLE, OF_MATERIALS, RARELY_IF_EVER
 from jaxsim.discover.name.other_sides import CONTROL, EXCHANGED
@@ -66,7 +68,7 @@ def told(*steps, semantic=None, free_contrast=False, control=NO_CONTROL, drives=
     """The notes of an answer on frames of which nothing else must be known."""
     scan = SimpleNamespace(semantic=np.zeros((1, 2, 2), int) if semantic is None else semantic)
     comparison = partly(Comparison, notes=(), scenes=tuple(drives), scan=scan, control=control)
-    simulator = SimpleNamespace(noise=Levels(), free_contrast=free_contrast)
+    simulator = SimpleNamespace(noise=more.pop("noise", Levels()), free_contrast=free_contrast)
     parts, blocks = SimpleNamespace(judge=("a",) * 5), SimpleNamespace(sectors=sectors)
     division = partly(Division, parts=parts, blocks=blocks, left_out=more.pop("left_out", ""), simulator=simulator)
     choice = Choice(steps, (), problem(), refused=more.pop("refused", {}))
@@ -83,6 +85,22 @@ def test_few_drives_that_are_cut_into_sectors_are_told():
 def test_rays_that_are_left_out_are_told():
     [note] = told(left_out="3.5 % of the rays (29 % of terrain)")
     assert note.startswith("3.5 % of the rays (29 % of terrain) met a surface that one side alone has")
+
+
+@pytest.mark.parametrize(
+    ("gamma", "noise", "control", "said"),
+    [
+        (1.15, Levels(intensity_share=0.02), NO_CONTROL, True),
+        (0.85, Levels(intensity_share=0.02), NO_CONTROL, False),
+        (1.15, Levels(), NO_CONTROL, False),
+        (1.15, Levels(intensity_share=0.02), Control(), False),
+    ],
+)
+def test_contrasts_that_a_simulator_may_have_shrunk_are_told(gamma, noise, control, said):
+    gained = step(candidate("gamma_response", 8))
+    z = to_z(gained.chosen.effect, {"gamma": gamma}, 4)
+    found = told(replace(gained, fit=replace(gained.fit, z=z)), noise=noise, control=control)
+    assert any(note.startswith("gamma_response: measured contrasts are larger") for note in found) is said
 
 
 def test_a_curve_that_unseen_scenes_do_not_gain_by_is_told():
