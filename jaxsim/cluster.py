@@ -23,6 +23,8 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 from uuid import uuid4
 
+from jaxsim.progress import check_all_done
+
 _log = logging.getLogger(__name__)
 
 _Item = TypeVar("_Item")
@@ -32,8 +34,6 @@ Result_out = TypeVar("Result_out", covariant=True)
 
 ANSWER_S = 20
 """Seconds in which a scheduler has to answer."""
-FAILURES_TOLD = 3
-"""Failures that a message tells of."""
 _opening = threading.Lock()
 
 
@@ -97,12 +97,7 @@ def spread(
                         yield Done(todo[future], result, worker)
             finally:
                 pool.shutdown(wait=False)
-    if failures:
-        others = f" (and {len(failures) - FAILURES_TOLD} more)" if len(failures) > FAILURES_TOLD else ""
-        raise ValueError(
-            f"{by}: {len(failures)} of {len(items)} pieces of work failed, the others are done; the same command goes "
-            f"on with what is missing. {'; '.join(failures[:FAILURES_TOLD])}{others}"
-        )
+    check_all_done(failures, len(items), by=by)
 
 
 def check_scheduler(address: str, *, by: str) -> None:

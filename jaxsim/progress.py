@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from tqdm import tqdm
@@ -22,6 +22,8 @@ LINE_EVERY_S = 30.0
 """Seconds between two lines where there is no terminal."""
 FIRST_LINE_S = 2.0
 """Seconds after which a task that has written nothing yet says there what it is."""
+FAILURES_TOLD = 3
+"""Failures that are told of one by one."""
 LINE = "{desc}: {n_fmt} of {total_fmt} {units}, {elapsed} so far, {remaining} left{postfix}"
 
 
@@ -38,6 +40,17 @@ def is_screen(file: Any) -> bool:
 def counted(number: int, noun: str) -> str:
     """A number of things in words: `1 frame`, `2 frames`, `0 frames`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def check_all_done(failures: Sequence[str], count: int, *, by: str) -> None:
+    """Raises ValueError where some of so many pieces of work failed, with what is wrong with the first of them, once
+    all others are done."""
+    if failures:
+        others = f" (and {len(failures) - FAILURES_TOLD} more)" if len(failures) > FAILURES_TOLD else ""
+        raise ValueError(
+            f"{by}: {len(failures)} of {count} pieces of work failed, the others are done; the same command goes on "
+            f"with what is missing. {'; '.join(failures[:FAILURES_TOLD])}{others}"
+        )
 
 
 class Progress(tqdm):

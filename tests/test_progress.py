@@ -11,7 +11,7 @@ import weakref
 import pytest
 
 from jaxsim import progress
-from jaxsim.progress import Progress, counted
+from jaxsim.progress import Progress, check_all_done, counted
 from tests.programs import PATIENCE_S
 
 
@@ -141,3 +141,9 @@ def test_a_unit_that_ends_with_s_has_a_plural():
 
 def test_one_is_no_plural():
     assert [counted(number, "frame") for number in (0, 1, 2)] == ["0 frames", "1 frame", "2 frames"]
+
+
+def test_what_failed_is_told_once_all_others_are_done():
+    check_all_done([], 5, by="x")
+    with pytest.raises(ValueError, match=r"^x: 4 of 5 pieces of work failed.* a; b; c \(and 1 more\)$"):
+        check_all_done(["a", "b", "c", "d"], 5, by="x")

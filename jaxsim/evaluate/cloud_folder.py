@@ -29,6 +29,7 @@ from jaxsim.frame import Boxes
 from jaxsim.geometry import camera_at_lidar
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics.detection.files import read_detections
+from jaxsim.progress import check_all_done
 
 _AXES = np.asarray(camera_at_lidar(np.eye(3)).cam_from_velo, np.float64)
 AT_LIDAR = View(intrinsics=np.eye(3), cam_from_velo=_AXES, rect_from_velo=_AXES, size=(1, 1))
@@ -135,8 +136,8 @@ class Found(NamedTuple):
 def detect_folder(folder: CloudFolder, learned: LearnedDetector, out: Path) -> Found:
     """Writes OUT/results/NAME.txt of every cloud of a folder; one that is there is not made again.
 
-    `CloudFolder.claim` sees to it that those are of the same making. Raises ValueError where there is no cloud, and
-    where one is broken or lacks intensity.
+    `CloudFolder.claim` sees to it that those are of the same making. Raises ValueError where there is no cloud, and,
+    once the others are done, for those that are broken or lack intensity.
     """
     experiment = learned.experiment
     files = clouds_in(folder.clouds)
@@ -144,9 +145,15 @@ def detect_folder(folder: CloudFolder, learned: LearnedDetector, out: Path) -> F
     todo = {file.stem: file for file in files if not paths[file.stem].is_file()}
     views = {name: folder.view(name) for name in todo}
 
+    failures: list[str] = []
+
     def clouds_to_do() -> Iterator[tuple[str, np.ndarray]]:
         for name, file in todo.items():
-            points = read_points(file)
+            try:
+                points = read_points(file)
+            except (ValueError, OSError) as error:
+                failures.append(str(error))
+                continue
             # As in training: a detector that saw only the camera's view would take the rest for something else.
             yield name, points[seen_by(points, views[name])] if folder.calib and experiment.in_image else points
 
@@ -156,6 +163,7 @@ def detect_folder(folder: CloudFolder, learned: LearnedDetector, out: Path) -> F
     for name, boxes in detections:
         objects += len(boxes.score)
         write_detections(paths[name], boxes, experiment.detector.anchors.kind, view=views[name])
+    check_all_done(failures, len(todo), by="detect")
     return Found(objects, len(todo))
 
 

@@ -196,3 +196,17 @@ def test_a_step_that_is_not_kept_is_refused(run):
         load_detector(run, step=7)
     with pytest.raises(ValueError, match="run of a detector, not of an intensity network"):
         load(run)
+
+
+@pytest.mark.long
+def test_one_broken_cloud_costs_itself_alone(run, kitti, tmp_path):
+    clouds = tmp_path / "clouds"
+    clouds.mkdir()
+    for name in ("000001", "000003"):
+        shutil.copy(kitti / "velodyne" / "000001.bin", clouds / f"{name}.bin")
+    whole = (clouds / "000001.bin").read_bytes()
+    (clouds / "000002.bin").write_bytes(whole[:-7])
+    command = Detect(run, clouds, tmp_path / "out", max_voxels=1000, pictures=0)
+    with pytest.raises(ValueError, match=r"detect: 1 of 3 pieces of work failed, the others are done; .*000002\.bin"):
+        command()
+    assert [path.stem for path in sorted((tmp_path / "out" / "results").iterdir())] == ["000001", "000003"]
