@@ -83,8 +83,9 @@ def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[
 
 
 def seconds_apart(facts: Sequence[Mapping[str, Any]]) -> float:
-    """Gives the median step in time between frames that name no scene, s; infinite where these say no times."""
-    times = np.sort([float(fact["time"]) for fact in facts if "scene" not in fact and "time" in fact])
+    """Gives the median step in time between frames that name no scene, s; infinite where these say no times, or one
+    for all."""
+    times = np.unique([float(fact["time"]) for fact in facts if "scene" not in fact and "time" in fact])
     return float(np.median(np.diff(times))) if len(times) > 1 else np.inf
 
 

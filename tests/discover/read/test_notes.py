@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.read.notes import same_numbers, uneven, very_fast
+from jaxsim.discover.read.notes import same_numbers, seconds_apart, uneven, very_fast
 from tests.discover.rooms import rooms, seen
 
 
@@ -70,3 +70,10 @@ def test_noise_that_is_rounded_away_is_no_copy(case):
         return [image.replace(intensity=np.round(255 * image.intensity) / 255) for image in images]
 
     assert same_numbers(in_steps(ours), in_steps(theirs)) == []
+
+
+def test_how_far_apart_frames_are_is_told_of_those_that_name_no_scene():
+    assert seconds_apart([{"time": 0.5 * k} for k in (3, 0, 1, 2)]) == 0.5
+    assert seconds_apart([{"time": 0.1 * k, "scene": "a"} for k in range(4)] + [{"time": 5.0}, {"time": 8.0}]) == 3.0
+    for silent in ([], [{}] * 3, [{"time": 0.0}] * 4):
+        assert seconds_apart(silent) == np.inf
