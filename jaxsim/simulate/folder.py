@@ -29,7 +29,7 @@ from jaxsim.files import claim, file_of, files_in, parse_json, stamp_of, tell_an
 from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.prefetch import prefetch
-from jaxsim.progress import Progress, counted
+from jaxsim.progress import Progress, check_all_done, counted
 from jaxsim.simulate.frames import BATCH, begin_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.learned_sensor import LearnedSensor, Projection
@@ -99,6 +99,11 @@ class FrameBatch(NamedTuple):
     """Time of the data set's first frame, which effects that drift count from."""
     sources: tuple[str, ...] = ()
     """Stamps of the files that the frames are read from, none of frames that have no files."""
+
+    def part(self, chosen: Sequence[int]) -> FrameBatch:
+        """Gives the batch with some of its frames alone."""
+        sources = tuple(self.sources[k] for k in chosen) if self.sources else ()
+        return self._replace(positions=tuple(self.positions[k] for k in chosen), sources=sources)
 
 
 class MadeBatch(NamedTuple):
@@ -193,7 +198,8 @@ def simulate_folder(
 
     `source` are the settings of that data set. Pictures are drawn of the first `previews`. `spread` has batches made
     elsewhere, by the same maker, and gives what became of each as it is done. Raises ValueError where `out` holds
-    frames of another making, and where a frame lacks what the network or an effect needs.
+    frames of another making, where a frame lacks what the network or an effect needs, and, once the others are made,
+    for frames that cannot be read.
     """
     # The folder: one making alone.
     out, dataset = maker.out, maker.dataset
@@ -220,11 +226,13 @@ def simulate_folder(
     missing = sum(len(batch.positions) for batch in batches)
     already = len(positions) - missing
     batches_s = []
+    failures: list[str] = []
     with announced, Progress(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
-        for made in (spread or partial(_overlapped, maker))(batches):
+        for made in (spread or partial(_overlapped, maker, failures=failures))(batches):
             announced.add(made.about)
             batches_s.append(made.seconds)
             bar.update(len(made.about))
+    check_all_done(failures, missing, by="simulate")
     return Speed(missing, already, maker.batch, tuple(batches_s), time.monotonic() - begun)
 
 
@@ -259,11 +267,22 @@ def data_words(source: DataConfig, projection: Projection = "lidar") -> str:
     return ", ".join([source.kind, *unlike])
 
 
-def _overlapped(maker: FrameMaker, batches: Sequence[FrameBatch]) -> Iterator[MadeBatch]:
-    """What became of each batch, in their order: while one is simulated the next is read, and the last is written."""
+def _overlapped(maker: FrameMaker, batches: Sequence[FrameBatch], *, failures: list[str]) -> Iterator[MadeBatch]:
+    """What became of each batch, in their order: while one is simulated the next is read, and the last is written.
+    Frames that cannot be read are left out, and told to `failures`."""
+
+    def read(batch: FrameBatch) -> tuple[FrameBatch, list[Frame]]:
+        frames: dict[int, Frame] = {}
+        for k, position in enumerate(batch.positions):
+            try:
+                frames[k] = maker.dataset[position]
+            except (ValueError, OSError) as error:
+                failures.append(str(error))
+        return batch.part([*frames]), [*frames.values()]
+
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
-        read = zip(batches, prefetch(reader, maker.read, batches), strict=True)
-        simulated = ((batch, frames, maker.simulate(batch, frames)) for batch, frames in read)
+        whole = (one for one in prefetch(reader, read, batches) if one[1])
+        simulated = ((batch, frames, maker.simulate(batch, frames)) for batch, frames in whole)
         yield from prefetch(writer, lambda parts: maker.write(*parts), simulated)
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from jaxsim.config import DataConfig
 from jaxsim.effects.chain import SensorModel
+from jaxsim.frame import Frame
 from jaxsim.geometry import full_grid, preset
 from jaxsim.simulate.folder import (
     FrameBatch,
@@ -80,29 +81,35 @@ def test_a_damaged_note_says_so(out):
         claim_frames(out, **MADE)
 
 
+FRAMES = [object.__new__(Frame) for _ in range(4)]
+"""Frames of which nothing is looked at."""
+
+
 class Noting(FrameMaker):
     """Notes what is done, and fails where it is told to."""
 
     def __init__(self, fails_at=None):
         object.__setattr__(self, "done", [])
         object.__setattr__(self, "fails_at", fails_at)
+        object.__setattr__(self, "dataset", self)
 
-    def note(self, what, chosen):
-        if (what, chosen.positions[0]) == self.fails_at:
+    def __getitem__(self, position):
+        self.note("read", position)
+        return FRAMES[position]
+
+    def note(self, what, position):
+        if (what, position) == self.fails_at:
             raise ValueError(f"{what} failed")
-        self.done.append((what, chosen.positions[0]))
-
-    def read(self, chosen):
-        self.note("read", chosen)
-        return []
+        self.done.append((what, position))
 
     def simulate(self, chosen, frames):
-        self.note("simulate", chosen)
+        assert all(frame is FRAMES[k] for frame, k in zip(frames, chosen.positions, strict=True))
+        self.note("simulate", chosen.positions[0])
         return None, None, 0.5
 
     def write(self, chosen, frames, simulated):
-        self.note("write", chosen)
-        return MadeBatch({str(chosen.positions[0]): {}}, simulated[2])
+        self.note("write", chosen.positions[0])
+        return MadeBatch({str(position): {} for position in chosen.positions}, simulated[2])
 
 
 BATCHES = [FrameBatch((k,), frozenset(), 0.0) for k in range(4)]
@@ -110,17 +117,27 @@ BATCHES = [FrameBatch((k,), frozenset(), 0.0) for k in range(4)]
 
 def test_batches_come_in_their_order_each_read_once_and_written_once():
     maker = Noting()
-    assert [[*made.about] for made in _overlapped(maker, BATCHES)] == [["0"], ["1"], ["2"], ["3"]]
+    assert [[*made.about] for made in _overlapped(maker, BATCHES, failures=[])] == [["0"], ["1"], ["2"], ["3"]]
     assert sorted(maker.done) == [(what, k) for what in ("read", "simulate", "write") for k in range(4)]
     assert [k for what, k in maker.done if what == "write"] == [0, 1, 2, 3]
-    assert list(_overlapped(Noting(), [])) == []
+    assert list(_overlapped(Noting(), [], failures=[])) == []
 
 
-@pytest.mark.parametrize("what", ["read", "simulate", "write"])
+def test_a_frame_that_cannot_be_read_costs_itself_alone():
+    batches = [FrameBatch((0, 1, 2), frozenset(), 0.0, ("a", "b", "c")), FrameBatch((3,), frozenset(), 0.0, ("d",))]
+    for bad, made in ((1, [["0", "2"], ["3"]]), (3, [["0", "1", "2"]])):
+        failures = []
+        found = _overlapped(Noting(("read", bad)), batches, failures=failures)
+        assert [[*batch.about] for batch in found] == made
+        assert failures == ["read failed"]
+    assert batches[0].part([0, 2]).sources == ("a", "c")
+
+
+@pytest.mark.parametrize("what", ["simulate", "write"])
 def test_what_fails_ends_the_command_and_what_was_written_before_is_told(what):
     told = []
     with pytest.raises(ValueError, match=f"{what} failed"):
-        told.extend(made.about for made in _overlapped(Noting((what, 2)), BATCHES))
+        told.extend(made.about for made in _overlapped(Noting((what, 2)), BATCHES, failures=[]))
     assert {"0": {}} in told
     assert len(told) <= 2
 
