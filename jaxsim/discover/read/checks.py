@@ -36,6 +36,12 @@ ADVICE = (
 )
 RASTERS = ("semantic", "instance", "incidence", "rgb", "time")
 """What the simulated side may have besides range and intensity."""
+REARRANGED: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "rows from the bottom up": lambda raster: raster[::-1],
+    "columns from right to left": lambda raster: raster[:, ::-1],
+    "columns half a turn on": lambda raster: np.roll(raster, raster.shape[1] // 2, axis=1),
+}
+"""Orders in which one side may be written by mistake, in words."""
 
 
 def plausible(name: str, image: PolarImage, side: str) -> None:
@@ -276,14 +282,6 @@ def check_partners(
     return alone | _others_partners(
         names, simulated_m, measured_m, simulated_back=simulated_back, measured_back=measured_back, agreed=agreed
     )
-
-
-REARRANGED: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "rows from the bottom up": lambda raster: raster[::-1],
-    "columns from right to left": lambda raster: raster[:, ::-1],
-    "columns half a turn on": lambda raster: np.roll(raster, raster.shape[1] // 2, axis=1),
-}
-"""Orders in which one side may be written by mistake, in words."""
 
 
 def _in_other_order(simulated: PolarImage, measured: PolarImage) -> str:
