@@ -162,6 +162,7 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
     notes = [*(f"left out: {why}" for _, why in sorted(left_out.items()))]
     if "incidence" in rasters[0]:
         checks.check_incidence(names[0], simulated_images[0], angle_rad=rasters[0]["incidence"], grid=grid)
+    checks.check_instances(names[0], simulated_images[0], rasters=rasters[0])
     notes += [
         *unpartnered(simulated.names, measured.names),
         *checks.constant_intensity(*([*map(checks.levels_of, side)] for side in (simulated_images, measured_images))),

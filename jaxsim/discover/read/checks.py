@@ -155,6 +155,24 @@ def check_incidence(name: str, image: PolarImage, *, angle_rad: Float[np.ndarray
         )
 
 
+def check_instances(name: str, image: PolarImage, *, rasters: Mapping[str, np.ndarray]) -> None:
+    """Raises ValueError where a number of an object stands for all that is none: for much of a frame, of several
+    classes."""
+    if not {"instance", "semantic"} <= {*rasters}:
+        return
+    back = np.asarray(image.valid)
+    numbers, count = np.unique(np.asarray(rasters["instance"])[back], return_counts=True)
+    for number in numbers[(numbers != 0) & (count > RULES.background_share * count.sum())]:
+        classes, rays = np.unique(
+            np.asarray(rasters["semantic"])[back & (rasters["instance"] == number)], return_counts=True
+        )
+        if np.sum(rays > RULES.background_class_share * rays.sum()) > 1:
+            raise ValueError(
+                f"discover: instance {number} of {name} holds {100 * rays.sum() / count.sum():.0f} % of its rays, of "
+                f"{len(classes)} classes: what is no object is 0; write it there"
+            )
+
+
 def readings_of(image: PolarImage) -> bytes:
     """A digest of a frame's ranges and intensities, which differs where a digit of them does."""
     return hashlib.blake2b(image.range_m.tobytes() + image.intensity.tobytes(), digest_size=16).digest()

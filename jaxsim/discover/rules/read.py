@@ -119,6 +119,11 @@ class ReadRules:
     reversed_incidence: float = -0.5
     """Rank correlation of the angles of incidence that frames tell with those of their range images, below which they
     are something else, as cosines: angles of the same surfaces agree far above 0 (a judgement, not calibrated)."""
+    background_share: float = 0.25
+    """Share of a frame's rays from which on one object is asked whether it is one (a judgement, not calibrated) ..."""
+    background_class_share: float = 0.05
+    """... and of its rays, which two classes must have for it to be none: a rider has a bicycle, and no road (a
+    judgement, not calibrated)."""
     same_numbers: float = 0.9
     """Share of rays with the same number on both sides from which on it is told: two that are read for themselves have
     few, whatever steps they are rounded to (a judgement, not calibrated)."""

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.blind.hidden.case import make_case
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame, write_grid
 from jaxsim.discover.read import read_comparison
-from jaxsim.discover.read.checks import agreement, check_partners
+from jaxsim.discover.read.checks import agreement, check_instances, check_partners
 from tests.discover.rooms import registered, rooms, seen
 
 SMALL = {"seed": 11, "scenes": 6, "rows": 16, "columns": 96}
@@ -178,3 +178,18 @@ def test_a_side_that_is_written_in_another_order_is_told(case, change, words):
     other = [image.replace(**{part: change(getattr(image, part)) for part in parts}) for image in theirs]
     with pytest.raises(ValueError, match=rf"do not show the same street.* % with the measured {words}"):
         check_partners(names, ours, other)
+
+
+def test_a_number_for_all_that_is_no_object_is_told(tmp_path):
+    folder = tmp_path / "case"
+    make_case(folder, effect="none", **SMALL)
+    name = frame_names(folder / "simulated")[0]
+    image, rasters = read_frame(folder / "simulated", name)
+    check_instances(name, image, rasters=rasters)
+    numbered = rasters | {"instance": rasters["instance"] + 7}
+    with pytest.raises(ValueError, match=r"instance 7 of .* classes: what is no object is 0"):
+        check_instances(name, image, rasters=numbered)
+    # A bus that is near may hide most of the street, and frames without classes tell nothing.
+    bus = np.full_like(rasters["semantic"], 28)
+    check_instances(name, image, rasters=numbered | {"semantic": bus})
+    check_instances(name, image, rasters={"instance": numbered["instance"]})
