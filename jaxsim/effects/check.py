@@ -23,6 +23,7 @@ from jaxsim.effects.origin import OwnEffect
 from jaxsim.effects.places import all_rays
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.effects.street import small_street
+from jaxsim.files import first_line
 
 RESERVED = ("new", "check", "nothing")
 """Names that commands and the null have."""
@@ -270,7 +271,7 @@ def _slopes(effect: Effect, values: dict[str, Any], before: Rays, *, scan: Scan,
         slopes = jax.grad(total)(values)
     except Exception as error:
         raise ValueError(
-            f"apply has no derivative at {setting}: {type(error).__name__}: {_first_line(error)}; write it with "
+            f"apply has no derivative at {setting}: {type(error).__name__}: {first_line(error)}; write it with "
             "jax.numpy, without `if` on arrays or parameters (jnp.where)"
         ) from error
     for name, slope in slopes.items():
@@ -280,10 +281,6 @@ def _slopes(effect: Effect, values: dict[str, Any], before: Rays, *, scan: Scan,
                 "from 0 on every ray, also where jnp.where does not choose them"
             )
     return {name for name, slope in slopes.items() if jnp.any(slope != 0)}
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [""])[0]
 
 
 def _touched(effect: Effect, before: Rays, after: Rays, *, scan: Scan, values: Mapping[str, Any]) -> set[str]:

@@ -144,7 +144,6 @@ def detect_folder(folder: CloudFolder, learned: LearnedDetector, out: Path) -> F
     paths = {file.stem: out / "results" / f"{file.stem}.txt" for file in files}
     todo = {file.stem: file for file in files if not paths[file.stem].is_file()}
     views = {name: folder.view(name) for name in todo}
-
     failures: list[str] = []
 
     def clouds_to_do() -> Iterator[tuple[str, np.ndarray]]:

@@ -70,8 +70,8 @@ def score_learned_sensor(
 
     The baselines are fitted to the training frames of the run's own data set, with `trees` boosted trees too; where
     that is not to be had there are none. The run's frames are those that are `recorded`, whatever joined the data set
-    since, and wherever it was moved. Raises ValueError for frames that
-    are not there, and where there are too few for the extractor's features.
+    since, and wherever it was moved. Raises ValueError for frames that are not there, and where there are too few for
+    the extractor's features.
     """
     # Frames: those to judge, the one before each, and those that the baselines average.
     of_run = learned.run.experiment.data

@@ -135,12 +135,8 @@ class FrameMaker:
     draw: Draw | None = None
 
     def __call__(self, chosen: FrameBatch) -> MadeBatch:
-        frames = self.read(chosen)
+        frames = [self.dataset[position] for position in chosen.positions]
         return self.write(chosen, frames, self.simulate(chosen, frames))
-
-    def read(self, chosen: FrameBatch) -> list[Frame]:
-        """The frames of a batch."""
-        return [self.dataset[position] for position in chosen.positions]
 
     def simulate(self, chosen: FrameBatch, frames: Sequence[Frame]) -> Simulated:
         """What the network says of them."""

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 FIRST = 5
 """Scans from which the sensor is told: a beam that looks into the sky has no return in one of them."""
 LEAST_TURN_S, TURN_S = 5e-3, 10.0
-"""Seconds that a turn takes: ten times less, and a hundred times more, than those of the fastest sensors, 20 Hz."""
+"""Seconds that a turn takes, at least a tenth, at most two hundred times that of the fastest sensors, 20 Hz."""
 _UNITS = {"microseconds": 1e3, "milliseconds": 1e6}
 """Units in which whole numbers are no nanoseconds, for which they are taken, and how much longer a turn then is."""
 _DARK = 1 / 200

@@ -174,12 +174,13 @@ def decide(
     """
     free = without_unasked(free_curves(null, dependences, without, bar=choice.bars.free), but)
     curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
-    outside = None
+    outside, more = None, False
     if curves:
         more = outdone(choice, *curves[0], numbers=curve_numbers(null, curves[0][0]))
         outside = curves[0] if more or pieced(choice, curves[0], beside) else None
     if outside:
-        own = untouched(choice, outside, beside)
+        # Pieces of a curve were asked already, and have nothing to say beside it.
+        own = untouched(choice, outside, beside) if more else []
         steps = tuple(step for step in choice.steps if step in own or stands(step, outside[0].channel))
         if not steps:
             # With nothing left that is named, the problem is the null as it was.

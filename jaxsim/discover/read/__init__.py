@@ -106,7 +106,7 @@ class Rest:
         for name in self.names:
             try:
                 _, _, [rasters] = _read([name], self.simulated, self.measured)
-            except ValueError as error:
+            except (ValueError, OSError) as error:
                 wrong[name] = str(error)
                 continue
             if lacking := self.rasters - {*rasters}:
@@ -159,11 +159,11 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
         # What was asked with them (where the sensor stands, which frames are read) is asked again without them.
         return _read_frames(simulated, measured, left_out={**left_out, **no_pairs})
     checks.all_or_none(simulated.folder, names, rasters)
-    notes = [*(f"left out: {why}" for _, why in sorted(left_out.items()))]
     if "incidence" in rasters[0]:
         checks.check_incidence(names[0], simulated_images[0], angle_rad=rasters[0]["incidence"], grid=grid)
     checks.check_instances(names[0], simulated_images[0], rasters=rasters[0])
-    notes += [
+    notes = [
+        *(f"left out: {why}" for _, why in sorted(left_out.items())),
         *unpartnered(simulated.names, measured.names),
         *checks.constant_intensity(*([*map(checks.levels_of, side)] for side in (simulated_images, measured_images))),
         *uneven(names, simulated_images, measured_images),

@@ -8,7 +8,7 @@ the simulated surface is another matter. Of frames of other streets the road sti
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -94,24 +94,28 @@ def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: _Si
         )
 
 
-def check_all_differ(folder: Path, readings: Mapping[str, bytes]) -> None:
-    """Raises ValueError where two frames (of `folder`) hold the same readings."""
-    seen: dict[bytes, str] = {}
+def _copies(readings: Mapping[str, Hashable]) -> Iterator[tuple[str, str]]:
+    """Gives each frame that holds what one before it does, behind the first that does."""
+    seen: dict[Hashable, str] = {}
     for name, digest in readings.items():
         if (first := seen.setdefault(digest, name)) != name:
-            raise ValueError(
-                f"discover: {first} and {name} of {folder} hold the same readings to the last digit; one is a copy: "
-                "leave it out, or put back what it was"
-            )
+            yield first, name
+
+
+def check_all_differ(folder: Path, readings: Mapping[str, bytes]) -> None:
+    """Raises ValueError where two frames (of `folder`) hold the same readings."""
+    for first, name in _copies(readings):
+        raise ValueError(
+            f"discover: {first} and {name} of {folder} hold the same readings to the last digit; one is a copy: leave "
+            "it out, or put back what it was"
+        )
 
 
 def check_no_doubles(folder: Path, sides: _Sides) -> None:
     """Raises ValueError where two measured frames (of `folder`) hold the same readings, and their simulated partners do
     not: a sensor's noise makes each frame its own."""
     simulated, measured = sides
-    seen: dict[bytes, str] = {}
-    for name, readings in measured.items():
-        first = seen.setdefault(readings, name)
+    for first, name in _copies(measured):
         if simulated[first] != simulated[name]:
             raise ValueError(
                 f"discover: {first} and {name} of {folder} hold the same readings to the last digit, and their "
@@ -122,13 +126,8 @@ def check_no_doubles(folder: Path, sides: _Sides) -> None:
 def doubles(sides: _Sides) -> dict[str, str]:
     """Gives the frames that hold on both sides what another one does, and why they are none."""
     simulated, measured = sides
-    first: dict[tuple[bytes, bytes], str] = {}
-    found: dict[str, str] = {}
-    for name in measured:
-        other = first.setdefault((simulated[name], measured[name]), name)
-        if other != name:
-            found[name] = f"{name} holds the readings of {other} on both sides: a copy"
-    return found
+    both = {name: (simulated[name], measured[name]) for name in measured}
+    return {name: f"{name} holds the readings of {other} on both sides: a copy" for other, name in _copies(both)}
 
 
 def check_sides(simulated: Path, measured: Path, *, rasters: tuple[Collection[str], Collection[str]]) -> None:

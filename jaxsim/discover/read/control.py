@@ -15,14 +15,13 @@ from pathlib import Path
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.discover.read.checks import readings_of
 from jaxsim.discover.read.registration import MOTION_PARTS
+from jaxsim.discover.verdict import VERDICT
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import placed, read_entry, read_json, write_text
 from jaxsim.geometry.sensor import grid_difference
 
 LOOKED_AT = 16
 """Frames of one name that are looked at for copies of the control's."""
-VERDICT = "verdict.json"
-"""The answer's file, the last that is written."""
 SIDES = "sides.json"
 """The file beside an answer that says where the two folders are that it compared."""
 

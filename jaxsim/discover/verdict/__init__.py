@@ -39,6 +39,9 @@ from jaxsim.effects.region import Region
 from jaxsim.files import write_text
 from jaxsim.frame import PolarGrid, in_notebook
 
+VERDICT = "verdict.json"
+"""The answer's file, the last that is written."""
+
 
 @dataclass(frozen=True)
 class InPlace:
@@ -169,7 +172,7 @@ class Verdict:
 
     def save(self, folder: Path) -> Path:
         """Writes verdict.json."""
-        return write_text(Path(folder) / "verdict.json", json.dumps(self.to_json(), indent=1))
+        return write_text(Path(folder) / VERDICT, json.dumps(self.to_json(), indent=1))
 
 
 def plain(value: Any) -> Any:

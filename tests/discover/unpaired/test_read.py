@@ -82,12 +82,13 @@ def test_sides_that_cannot_be_compared_are_refused(sides):
     with pytest.raises(ValueError, match=r"tell the incidence of every ray.*exchange --measured and --simulated"):
         read_unpaired(measured, simulated)
     first, second = frame_names(measured)[:2]
-    image, rasters = read_frame(measured, first)
-    write_frame(measured, second, image, **rasters)
+    was = {name: read_frame(measured, name) for name in (first, second)}
+    write_frame(measured, second, was[first][0], **was[first][1])
     with pytest.raises(ValueError, match=f"{first} and {second} of .* hold the same readings"):
         read_unpaired(simulated, measured)
+    write_frame(measured, second, was[second][0], **was[second][1])
     rewritten(measured, lambda image: image.replace(intensity=np.where(image.valid, 0.3, 0).astype(np.float32)))
-    with pytest.raises(ValueError, match=r"hold the same readings|measured intensity is 0\.3 everywhere"):
+    with pytest.raises(ValueError, match=r"measured intensity is 0\.3 everywhere"):
         read_unpaired(simulated, measured)
 
 
