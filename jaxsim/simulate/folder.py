@@ -13,6 +13,7 @@ import json
 import time
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -205,7 +206,8 @@ def simulate_folder(
     if effects_model:
         first_s = begin_of(dataset)
         # Refused before the folder is claimed, not at the first frame that is written.
-        check_motion(effects_model, **motion_of(dataset[positions[0]], first_s))
+        for frame in _first_read(dataset, positions):
+            check_motion(effects_model, **motion_of(frame, first_s))
     claim_effects(out, effects_model)
     claim_frames(
         out,
@@ -230,6 +232,14 @@ def simulate_folder(
             bar.update(len(made.about))
     check_all_done(failures, missing, by="simulate")
     return Speed(missing, already, maker.batch, tuple(batches_s), time.monotonic() - begun)
+
+
+def _first_read(dataset: Dataset, positions: Sequence[int]) -> list[Frame]:
+    """The first of these frames that can be read; none where none can, of which `simulate_folder` tells."""
+    for position in positions:
+        with suppress(ValueError, OSError):
+            return [dataset[position]]
+    return []
 
 
 def _missing_batches(

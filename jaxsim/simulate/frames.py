@@ -100,9 +100,10 @@ def begin_of(dataset: Dataset) -> float:
     """When a data set's first frame was taken (s), 0 where it does not say.
 
     What drifts, or acts for a time alone, counts from there, whichever frames are chosen: a frame is simulated alike
-    alone and among all.
+    alone and among all. Raises ValueError where that frame cannot be read.
     """
-    return dataset[0].time_s or 0.0
+    with placed("time counts from the data set's first frame, which cannot be read", OSError):
+        return dataset[0].time_s or 0.0
 
 
 def motion_of(frame: Frame, first_s: float) -> dict[str, float | None]:

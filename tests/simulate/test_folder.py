@@ -15,6 +15,7 @@ from jaxsim.simulate.folder import (
     FrameMaker,
     MadeBatch,
     Speed,
+    _first_read,
     _overlapped,
     claim_effects,
     claim_frames,
@@ -22,7 +23,7 @@ from jaxsim.simulate.folder import (
     pictures_of,
     simulate_folder,
 )
-from tests.export.made_trees import Six
+from tests.export.made_trees import Six, boxes_at
 
 MADE = {"fingerprint": "4f2a", "data": "synthetic", "seed": 0, "source": DataConfig().of_frames}
 
@@ -113,6 +114,12 @@ class Noting(FrameMaker):
 
 
 BATCHES = [FrameBatch((k,), frozenset(), 0.0) for k in range(4)]
+
+
+@pytest.mark.parametrize(("positions", "first"), [([2, 3, 1], ["six-3"]), ([2], [])])
+def test_what_an_effect_needs_is_asked_of_the_first_frame_that_can_be_read(positions, first):
+    dataset = Six(boxes=lambda index: Path("lost").read_bytes() if index == 2 else boxes_at())
+    assert [frame.name for frame in _first_read(dataset, positions)] == first
 
 
 def test_batches_come_in_their_order_each_read_once_and_written_once():

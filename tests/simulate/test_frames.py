@@ -1,4 +1,5 @@
 import dataclasses
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -11,8 +12,9 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.geometry import preset, window_grid
 from jaxsim.simulate.folder import claim_effects
-from jaxsim.simulate.frames import simulate_batch, with_effects
+from jaxsim.simulate.frames import begin_of, simulate_batch, with_effects
 from jaxsim.simulate.learned_sensor import load
+from tests.export.made_trees import Six
 from tests.untrained import tiny_experiment, untrained_run
 
 GRID = window_grid(preset("vlp16"), 0.5, -0.5, columns=40)
@@ -149,3 +151,8 @@ def test_a_folder_holds_frames_of_one_sensor_model(tmp_path):
     claim_effects(plain, None)
     with pytest.raises(ValueError, match=r"effects was \[\], now \['beam_gain', 'range_scale'\]"):
         claim_effects(plain, MODEL)
+
+
+def test_a_first_frame_that_cannot_be_read_is_told_with_what_it_is_needed_for():
+    with pytest.raises(ValueError, match=r"time counts from the data set's first frame, which cannot be read: .*lost"):
+        begin_of(Six(boxes=lambda index: Path("lost").read_bytes()))
