@@ -113,8 +113,8 @@ def orders_of(scenes: int) -> Int[np.ndarray, "k s"]:
 
 def chance_of(by_chance: Float[np.ndarray, " k"], observed: float) -> float:
     """Probability of reaching `observed` by chance, from draws that do not hold what was measured: that is one more
-    (Phipson & Smyth 2010)."""
-    return float((1 + np.sum(by_chance >= observed - 1e-9)) / (1 + len(by_chance)))
+    (Phipson & Smyth 2010). An `observed` that is no number is reached by all: it shows nothing."""
+    return float((1 + np.sum(~(by_chance < observed - 1e-9))) / (1 + len(by_chance)))
 
 
 def scaled_groups(whole: Bool[np.ndarray, "k n"]) -> Float[np.ndarray, "k n"]:
@@ -153,13 +153,14 @@ def false_discovery_rates(p: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]
 
 
 def p_value(gains: Float[np.ndarray, " s"]) -> float:
-    """One-sided probability of so large a mean gain if scenes gain nothing, by the signs of `signs_of`."""
+    """One-sided probability of so large a mean gain if scenes gain nothing, by the signs of `signs_of`; 1 where a gain
+    is no number."""
     if not gains.any():
         return 1.0
     # Sums of the same gains in another order differ by rounding: what was measured must reach itself.
     gains = gains.astype(np.float64)
     reached = gains.sum() - ROUNDING * np.abs(gains).sum()
-    return float(np.mean(signs_of(len(gains)) @ gains >= reached))
+    return float(np.mean(~(signs_of(len(gains)) @ gains < reached)))
 
 
 def attainable(level: float, scenes: int, *, tests: int = 1) -> float:
@@ -172,9 +173,9 @@ def attainable(level: float, scenes: int, *, tests: int = 1) -> float:
 def chance_of_best(rates: Float[np.ndarray, "c s"], best: int) -> float:
     """How often chance makes the scenes of some candidate agree as well as those of candidate `best`: trying many is
     paid for (max-T). A candidate counts by its sum in units of its own scatter: one that a single scene makes large
-    does not hide the others. `rates` lie about 0 where there is nothing to find."""
+    does not hide the others. `rates` lie about 0 where there is nothing to find; 1 where one of them is no number."""
     scaled = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
-    return float(np.mean(strongest(scaled, signs_of(rates.shape[1])) >= scaled[best].sum() - 1e-9))
+    return float(np.mean(~(strongest(scaled, signs_of(rates.shape[1])) < scaled[best].sum() - 1e-9)))
 
 
 def best_of_gains(gains: Float[np.ndarray, "c s"]) -> tuple[int, float]:

@@ -42,7 +42,7 @@ def scan_of(
 ) -> Scan:
     """The scan of simulated frames on one grid.
 
-    `more` holds each frame's further rasters by the names of the polar-frame format (incidence rad, semantic,
+    `further` holds each frame's further rasters by the names of the polar-frame format (incidence rad, semantic,
     instance, rgb 0..255, time s within the scan), `about` what its grid.json says (time s, speed m/s, heading rad,
     tags).
     What is missing: incidence comes from the range image, the place within the scan from the column, the rest is 0.
@@ -54,7 +54,7 @@ def scan_of(
     further, about = further or [{}] * len(images), about or [{}] * len(images)
     if not len(images) == len(further) == len(about):
         raise ValueError(
-            f"scan_of: {len(images)} images, {len(further)} x further rasters, {len(about)} x about; one each"
+            f"scan_of: {len(images)} images, further rasters of {len(further)} and facts of {len(about)}; one each"
         )
     grid = jax.tree.map(lambda x: np.asarray(x, np.float32), grid)
     frames = [_frame(grid, *frame, number=k) for k, frame in enumerate(zip(images, further, strict=True))]

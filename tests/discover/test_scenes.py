@@ -8,6 +8,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import (
     attainable,
     best_of_gains,
+    chance_of,
     chance_of_best,
     clipped,
     difference_interval,
@@ -145,3 +146,11 @@ def test_false_discovery_rates_are_scipys(count):
     p = np.random.default_rng(count).uniform(0, 1, count).round(2)
     expected = false_discovery_control(p) if count else p
     np.testing.assert_allclose(false_discovery_rates(p), expected, rtol=1e-12)
+
+
+def test_a_gain_that_is_no_number_shows_nothing():
+    gains = np.array([3.0, 2.0, np.nan, 4.0, 5.0, 3.0])
+    assert p_value(gains) == 1
+    assert chance_of_best(np.stack([gains, np.ones(6)]), 1) == 1
+    assert chance_of(np.zeros(99), np.nan) == 1
+    assert best_of_gains(np.stack([gains, np.ones(6)]))[1] == 1

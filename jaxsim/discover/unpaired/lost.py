@@ -214,9 +214,9 @@ def lattices(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> li
     for name, step in comparison.steps.items():
         # A reading that can only lie on the lattice is likelier by step / finest step.
         gain = returns * float(np.log(step / FINEST[name]))
-        parameter = next(iter(EFFECTS[name].parameters))
+        ((parameter, of),) = EFFECTS[name].parameters.items()
         nats = Interval.exact(gain, "nats per scene")
-        entries.append(Named.alone(name, 2.0**-scenes, nats, parameters={parameter: Interval.exact(step, "")}))
+        entries.append(Named.alone(name, 2.0**-scenes, nats, parameters={parameter: Interval.exact(step, of.unit)}))
     return entries
 
 

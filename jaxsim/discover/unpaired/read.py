@@ -330,8 +330,9 @@ def _surfaces(scan: Scan, simulated: int) -> _Surfaces:
     with np.errstate(divide="ignore", invalid="ignore"):
         along_row = np.abs((1 / np.roll(r, 1, 2) + 1 / np.roll(r, -1, 2)) / 2 * r - 1)
         along_column = np.abs((1 / np.roll(r, 1, 1) + 1 / np.roll(r, -1, 1)) / 2 * r - 1)
-    # np.roll carries the other end's rays to the borders.
+    # np.roll carries the other end's rays to the borders. A border row bends as its neighbour does.
     along_row[..., [0, -1]] = np.nan
+    along_column[:, [0, -1]] = along_column[:, [1, -2]]
     smooth = has_normal & scan.hit & (along_row < RULES.edge_bend)
     bend = np.nan_to_num(np.minimum(along_column, 1.0), nan=1.0)
     return _Surfaces(height, rise, bend, smooth, (below_m[0], below_m[1]))

@@ -2,7 +2,8 @@
 Processing, CRV 2018), on OpenCV.
 
 Everything happens on inverted depth, `100 - depth`, where empty pixels are 0: dilation then lets the near
-surface grow over the far one, as an occluding edge does. Empty pixels travel as 0 within this file alone.
+surface grow over the far one, as an occluding edge does. Empty pixels travel as 0 within this file alone, so depths
+of 99.9 m and more count as empty, as published.
 """
 
 from __future__ import annotations
