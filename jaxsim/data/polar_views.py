@@ -18,7 +18,7 @@ from jaxsim.data.point_labels import classes_in_image
 from jaxsim.data.polar_frames import open_polar_frames, scene_of
 from jaxsim.data.select import frame_number
 from jaxsim.frame import Camera, CameraFrame, Cloud, Frame, PolarGrid
-from jaxsim.geometry import LidarSpec, camera_at_lidar, polar_to_points, turned_points
+from jaxsim.geometry import LidarSpec, camera_at_lidar, polar_to_points, spans_turn, turned_points
 
 DIRECTIONS_DEG = (0, 90, 180, 270)
 WIDE_DEG = 90.0
@@ -45,13 +45,11 @@ class PolarViews:
                 f"polar: {error}. Make it of a log, nuScenes' for one (samples/LIDAR_TOP of a v1.0 archive): jaxsim "
                 f"frames samples/LIDAR_TOP --out {root}"
             ) from error
-        azimuth = np.asarray(self.frames.grid.azimuth_rad)
-        columns = len(azimuth)
-        turn = float(azimuth[0] - azimuth[-1]) * columns / max(columns - 1, 1)
-        if abs(turn - 2 * np.pi) > 0.01:
+        if not spans_turn(self.frames.grid):
+            round_deg = np.rad2deg(np.ptp(self.frames.grid.azimuth_rad))
             raise ValueError(
-                f"polar: frames of {root} look {np.rad2deg(turn):.0f} degrees round, and views of a quarter turn are "
-                "cut out of whole ones; this sensor cannot be learned from without its camera"
+                f"polar: frames of {root} look {round_deg:.0f} degrees round, and views of a quarter turn are cut out "
+                "of whole ones; this sensor cannot be learned from without its camera"
             )
         self.spec = spec_of(self.frames.grid)
         self.camera, self.size = camera_of(self.spec)

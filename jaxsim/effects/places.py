@@ -10,19 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.rays import FLOOR, LEAST_M, REFERENCE_M, Rays, Scan
-from jaxsim.frame import Array, PolarGrid
+from jaxsim.frame import Array
+from jaxsim.geometry import spans_turn
 
 Places = tuple[Int[Array, "*n"], Int[Array, "*n"], Int[Array, "*n"]]
 """Frame, row and column of each ray."""
 Angle = TypeVar("Angle", float, np.ndarray)
-
-
-def spans_turn(grid: PolarGrid) -> Bool[Array, ""]:
-    """Whether the last column is followed by the first."""
-    azimuth = grid.azimuth_rad
-    step = jnp.abs(azimuth[1] - azimuth[0])
-    # Half a step of slack for grids whose azimuths are rounded.
-    return jnp.abs(azimuth[0] - azimuth[-1]) + step > 2 * jnp.pi - step / 2
 
 
 def on_turn(column: Int[Array, "*n"], columns: int, full: Bool[Array, ""]) -> Int[Array, "*n"]:

@@ -16,10 +16,10 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.edits import wrapped
-from jaxsim.effects.places import Places, on_turn, spans_turn
+from jaxsim.effects.places import Places, on_turn
 from jaxsim.effects.rays import FLOOR, LEAST_M, REFERENCE_M, Array, Rays, Scan
 from jaxsim.frame import PolarGrid
-from jaxsim.geometry import with_neighbours
+from jaxsim.geometry import spans_turn, with_neighbours
 
 BORDER = 2.0
 """Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""

@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.effects.edits import wrapped
-from jaxsim.effects.places import on_turn, spans_turn
+from jaxsim.effects.places import on_turn
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array, PolarGrid, PolarImage
-from jaxsim.geometry import incidence
+from jaxsim.geometry import incidence, spans_turn
 from jaxsim.geometry.rasters import check_classes
 
 BLOOMS_FROM = 0.9

@@ -32,6 +32,7 @@ from jaxsim.geometry.polar import (
     rows_of,
     scan_on_window,
     scatter_nearest,
+    spans_turn,
     with_neighbours,
 )
 from jaxsim.geometry.rows import UnorderedCloud, fit_beams, recover_rows, rows_by_elevation
@@ -72,6 +73,7 @@ __all__ = [
     "same_grid",
     "scan_on_window",
     "scatter_nearest",
+    "spans_turn",
     "transform",
     "turned_points",
     "unproject",

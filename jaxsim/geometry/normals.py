@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from jaxsim.frame import Array, PolarGrid
-from jaxsim.geometry.polar import azimuth_of, directions
+from jaxsim.geometry.polar import azimuth_of, directions, spans_turn
 
 _NOISE_M = 1e-2
 """Range steps below this count alike: both sides are averaged."""
@@ -52,10 +52,7 @@ def normals(
     ray = jnp.broadcast_to(directions(grid).reshape(*lead, *range_m.shape[-2:], 3), (*range_m.shape, 3))
     rise = jnp.stack([jnp.zeros_like(grid.origin_m)] * 2 + [grid.origin_m], axis=-1).reshape(*lead, -1, 1, 3)
     points = ray * range_m[..., None] + rise
-    columns = range_m.shape[-1]
-    # From centre to centre of the outermost columns, and one column more.
-    turn = jnp.abs(grid.azimuth_rad[0] - grid.azimuth_rad[-1]) * columns / (columns - 1)
-    along, along_known = _tangent(points, range_m, valid, axis=-1, wraps=turn > 2 * jnp.pi - 1e-3)
+    along, along_known = _tangent(points, range_m, valid, axis=-1, wraps=spans_turn(grid))
     down, down_known = _tangent(points, range_m, valid, axis=-2, wraps=jnp.zeros((), bool))
     normal = jnp.cross(along, down)
     length = jnp.sqrt(jnp.sum(normal * normal, axis=-1))

@@ -34,6 +34,15 @@ def _step_rad(grid: PolarGrid) -> Float[Array, ""]:
     return (grid.azimuth_rad[0] - grid.azimuth_rad[-1]) / (columns - 1)
 
 
+def spans_turn(grid: PolarGrid) -> Bool[Array, ""]:
+    """Whether the last column is followed by the first."""
+    columns = grid.azimuth_rad.shape[0]
+    between = jnp.abs(grid.azimuth_rad[0] - grid.azimuth_rad[-1])
+    step = between / max(columns - 1, 1)
+    # Half a step of slack for grids whose azimuths are rounded.
+    return between + step > 2 * jnp.pi - step / 2
+
+
 @jax.jit
 def column_of(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Float[Array, "*b"]:
     """Column of an azimuth: whole at cell centres, below -1/2 or above columns - 1/2 outside the window.

@@ -94,5 +94,5 @@ def test_what_the_frames_lack_and_where_they_come_from_is_told(tmp_path):
     write_grid(tmp_path / "window", grid)
     image = np.full((32, 80), 5, np.float32)
     write_frame(tmp_path / "window", "00", PolarImage(image, image / 10, image > 0))
-    with pytest.raises(ValueError, match="look 81 degrees round, and views of a quarter turn"):
+    with pytest.raises(ValueError, match="look 80 degrees round, and views of a quarter turn"):
         open_dataset("polar", tmp_path / "window")

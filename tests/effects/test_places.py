@@ -8,13 +8,8 @@ from beartype.roar import BeartypeCallHintParamViolation
 from jaxtyping import TypeCheckError
 
 from jaxsim.effects import all_rays
-from jaxsim.effects.places import longest_run, neighbours_m, on_turn, rays_at, spans_turn, within_turn
+from jaxsim.effects.places import longest_run, neighbours_m, on_turn, rays_at, within_turn
 from tests.effects.streets import grid_of, road_and_walls
-
-
-@pytest.mark.parametrize(("turn_rad", "full"), [(2 * np.pi, True), (np.pi, False), (2 * np.pi - 0.2, False)])
-def test_a_grid_spans_the_turn_where_its_last_column_is_followed_by_the_first(turn_rad, full):
-    assert bool(spans_turn(jax.tree.map(jnp.asarray, grid_of(turn_rad)))) == full
 
 
 def test_columns_past_the_border_are_those_of_the_other_side_or_the_border_itself():

@@ -23,9 +23,11 @@ from jaxsim.geometry import (
     rows_of,
     scan_on_window,
     scatter_nearest,
+    spans_turn,
     window_grid,
     with_neighbours,
 )
+from tests.effects.streets import grid_of
 from tests.geometry.kitti_scans import CROP, OBJECT, RAW, cropped_camera, points
 
 SPEC = preset("hdl64e")
@@ -35,6 +37,18 @@ GRIDS = {
     "window": WINDOW,
     "rear": window_grid(SPEC, np.pi + 0.4, np.pi - 0.4, columns=16, rows=(0, 8)),
 }
+
+
+@pytest.mark.parametrize(("turn_rad", "closes"), [(2 * np.pi, True), (np.pi, False), (2 * np.pi - 0.2, False)])
+def test_a_grid_spans_the_turn_where_its_last_column_is_followed_by_the_first(turn_rad, closes):
+    assert bool(spans_turn(grid_of(turn_rad))) == closes
+
+
+def test_azimuths_that_were_rounded_span_the_turn_all_the_same():
+    grid = grid_of(columns=512)
+    # To a tenth of a degree, of steps of 0.7.
+    rounded = np.deg2rad(np.round(np.rad2deg(grid.azimuth_rad), 1)).astype(np.float32)
+    assert bool(spans_turn(grid.replace(azimuth_rad=rounded)))
 
 
 def cloud_of(xyz, row, intensity=None, valid=None):

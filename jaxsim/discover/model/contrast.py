@@ -19,9 +19,9 @@ from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.model.cast import STEEPEST_COSINE, RayIndex
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict.names import SCALES
-from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, LEAST_M, Scan
 from jaxsim.frame import Array
+from jaxsim.geometry import spans_turn
 
 OF_NO_CLASS = ("dark_surfaces", "bright_surfaces")
 """Scales of frames that tell no classes: more of dark surfaces may be made up."""

@@ -19,9 +19,9 @@ from scipy.optimize import nnls
 
 from jaxsim.discover.model.cast import STEEPEST_COSINE
 from jaxsim.discover.rules import RULES
-from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, LEAST_M, Scan
 from jaxsim.frame import Array
+from jaxsim.geometry import spans_turn
 
 FINEST: dict[str, float] = dict.fromkeys(("intensity_quantization", "range_quantization"), RULES.finest_step)
 """Effects whose step is read off the values, and the finest step that counts as rounding."""

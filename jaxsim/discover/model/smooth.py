@@ -17,9 +17,9 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import STEEPEST_COSINE
 from jaxsim.discover.model.noise_levels import Levels
-from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import FLOOR, LEAST_M, Scan
 from jaxsim.frame import Array
+from jaxsim.geometry import spans_turn
 
 REACH_RAD = np.deg2rad(2.5)
 """Half width of the windows in which surfaces are made smooth."""

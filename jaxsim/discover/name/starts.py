@@ -18,7 +18,8 @@ from jaxtyping import Bool, Float, Int, Num
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
-from jaxsim.effects.places import longest_run, spans_turn, within_turn
+from jaxsim.effects.places import longest_run, within_turn
+from jaxsim.geometry import spans_turn
 
 BIN_RAD = np.deg2rad(1.0)
 """Width of the bins of azimuth in which a hidden sector is looked for; its borders are then told by single rays."""

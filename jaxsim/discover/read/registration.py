@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.catalogue.motion_distortion import SCAN_S
-from jaxsim.effects.places import spans_turn
 from jaxsim.effects.rays import Scan
+from jaxsim.geometry import spans_turn
 
 POINTS = 60_000
 """Points looked at in all frames together ..."""

@@ -16,8 +16,8 @@ from jaxsim.discover.regimes.questions import Facts, arc
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
-from jaxsim.effects.places import spans_turn
 from jaxsim.effects.region import Region, within
+from jaxsim.geometry import spans_turn
 
 
 @dataclass(frozen=True)

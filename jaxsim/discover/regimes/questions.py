@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.rules import RULES
-from jaxsim.effects.places import spans_turn
 from jaxsim.effects.region import Region, Span
 from jaxsim.effects.scan import Scan
+from jaxsim.geometry import spans_turn
 
 
 @dataclass(frozen=True)

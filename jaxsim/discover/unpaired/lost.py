@@ -21,8 +21,9 @@ from jaxsim.discover.scenes import attainable, chance_of, difference_interval
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.discover.verdict import Interval, Named
 from jaxsim.effects import EFFECTS
-from jaxsim.effects.places import longest_run, spans_turn, within_turn
+from jaxsim.effects.places import longest_run, within_turn
 from jaxsim.frame import PolarGrid
+from jaxsim.geometry import spans_turn
 
 
 @dataclass(frozen=True)
