@@ -170,14 +170,6 @@ def attainable(level: float, scenes: int, *, tests: int = 1) -> float:
     return max(level, 1.01 * tests * 2.0**-scenes)
 
 
-def chance_of_best(rates: Float[np.ndarray, "c s"], best: int) -> float:
-    """How often chance makes the scenes of some candidate agree as well as those of candidate `best`: trying many is
-    paid for (max-T). A candidate counts by its sum in units of its own scatter: one that a single scene makes large
-    does not hide the others. `rates` lie about 0 where there is nothing to find; 1 where one of them is no number."""
-    scaled = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
-    return float(np.mean(~(strongest(scaled, signs_of(rates.shape[1])) < scaled[best].sum() - 1e-9)))
-
-
 def best_of_gains(gains: Float[np.ndarray, "c s"]) -> tuple[int, float]:
     """The candidate whose scenes agree most that it gains, and how often chance makes some candidate's agree as much.
 

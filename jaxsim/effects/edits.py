@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from jaxsim.effects.rays import Array, Rays
+from jaxsim.frame import CLASSES
 
 LEAST_COSINE = 0.02
 # ln(1 - p) and its slope stay finite.
@@ -104,7 +105,7 @@ def of_class(values: Float[Array, " classes"], rays: Rays) -> Float[Array, "*n"]
 
 def is_one_of(rays: Rays, classes: tuple[int, ...]) -> Float[Array, "*n"]:
     """1 where the ray meets one of these classes, else 0."""
-    table = jnp.zeros(34, jnp.float32).at[jnp.asarray(classes)].set(1.0)
+    table = jnp.zeros(CLASSES, jnp.float32).at[jnp.asarray(classes)].set(1.0)
     return of_class(table, rays)
 
 

@@ -15,7 +15,7 @@ from jaxsim.effects.edits import wrapped
 from jaxsim.effects.places import on_turn
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array, PolarGrid, PolarImage
-from jaxsim.geometry import incidence, spans_turn
+from jaxsim.geometry import incidence, known_or_median, spans_turn
 from jaxsim.geometry.rasters import check_classes
 
 BLOOMS_FROM = 0.9
@@ -128,10 +128,7 @@ def _incidence(
     grid: PolarGrid, range_m: np.ndarray, hit: np.ndarray, *, given: np.ndarray | None, number: int
 ) -> Float[np.ndarray, "r c"]:
     if given is None:
-        angle, known = incidence(range_m, hit, grid)
-        angle, known = np.asarray(angle), np.asarray(known)
-        # A cell without neighbours, on a pole or at a border, may face anywhere.
-        return np.where(known, angle, np.median(angle[known]) if known.any() else 0).astype(np.float32)
+        return known_or_median(*jax.device_get(incidence(range_m, hit, grid)))
     angle = np.asarray(given, np.float32)
     seen = angle[hit]
     if seen.size and not (np.isfinite(seen).all() and seen.min() >= 0 and seen.max() <= np.pi / 2 + 1e-3):

@@ -16,7 +16,7 @@ from jaxsim.geometry.camera import (
     transform,
     unproject,
 )
-from jaxsim.geometry.normals import incidence, known_or_right, network_incidence, normals
+from jaxsim.geometry.normals import incidence, known_or_median, known_or_right, network_incidence, normals
 from jaxsim.geometry.points import turned_points
 from jaxsim.geometry.polar import (
     azimuth_of,
@@ -56,6 +56,7 @@ __all__ = [
     "grid_difference",
     "incidence",
     "invert",
+    "known_or_median",
     "known_or_right",
     "network_incidence",
     "normals",

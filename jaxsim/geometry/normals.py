@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.frame import Array, PolarGrid
@@ -84,6 +85,14 @@ def network_incidence(
     """Angle of incidence as networks are given it, in training and in use: a right angle where it is not known, which
     is wherever nothing is seen, too."""
     return known_or_right(*incidence(range_m, valid, grid))
+
+
+def known_or_median(angle_rad: Float[np.ndarray, "r c"], known: Bool[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
+    """The angles that are known, and for the others the median of these, 0 where there is none: a cell without
+    neighbours, on a pole or at a border, may face anywhere, and at a common angle effects of the incidence act on it
+    as on most."""
+    middle = np.median(angle_rad[known]) if known.any() else 0
+    return np.where(known, angle_rad, middle).astype(np.float32)
 
 
 def known_or_right(angle_rad: Float[Array, "*b r c"], known: Bool[Array, "*b r c"]) -> Float[Array, "*b r c"]:

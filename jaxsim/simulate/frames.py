@@ -17,7 +17,7 @@ from jaxsim.effects import get_effect, scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import placed
 from jaxsim.frame import Array, CameraFrame, Frame, Painted, PolarGrid, PolarImage
-from jaxsim.geometry import incidence
+from jaxsim.geometry import incidence, known_or_median
 from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.checks import check_image
@@ -83,16 +83,14 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
     The incidence is that of the painted surface, with the rays that the network drops; where it cannot be told, the
     median.
     """
-    # A cell without neighbours may face anywhere. Effects act on this angle as on any other, so it is a common one, as
-    # `scan_of` takes where a file has no angles; a right angle, which stands for it in training pairs, would be among
-    # those on which effects of the incidence act most.
-    angle, has_normal = jax.device_get(incidence(painted.range_m, painted.valid, grid))
-    middle = np.median(angle[has_normal]) if has_normal.any() else 0
+    # As `scan_of` takes it where a file has no angles; a right angle, which stands for what is not known in training
+    # pairs, would be among those on which effects of the incidence act most.
+    angle = known_or_median(*jax.device_get(incidence(painted.range_m, painted.valid, grid)))
     return {
         "semantic": np.asarray(painted.semantic).astype(np.uint8),
         "instance": np.asarray(painted.instance),
         "rgb": np.round(np.asarray(painted.rgb) * 255).astype(np.uint8),
-        "incidence": np.where(has_normal, angle, middle).astype(np.float32),
+        "incidence": angle,
     }
 
 

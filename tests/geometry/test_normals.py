@@ -4,7 +4,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsim.geometry import directions, full_grid, incidence, network_incidence, normals, preset, window_grid
+from jaxsim.geometry import (
+    directions,
+    full_grid,
+    incidence,
+    known_or_median,
+    network_incidence,
+    normals,
+    preset,
+    window_grid,
+)
 
 SPEC = preset("hdl64e")
 GRID = window_grid(SPEC, 0.5, -0.4, columns=24, rows=(26, 44))
@@ -107,3 +116,9 @@ def test_networks_are_given_a_right_angle_where_none_is_known():
     assert not known[4, 4]
     assert (np.asarray(given)[~np.asarray(known)] == np.float32(np.pi / 2)).all()
     np.testing.assert_array_equal(np.asarray(given)[known], np.asarray(angle)[known])
+
+
+def test_an_angle_that_cannot_be_told_is_the_common_one():
+    angle = np.float32([[0.2, 0.4, 1.3, 9.0]])
+    assert known_or_median(angle, np.array([[True, True, True, False]])).tolist() == [[*angle[0, :3], angle[0, 1]]]
+    assert known_or_median(angle, np.zeros((1, 4), bool)).tolist() == [[0.0] * 4]

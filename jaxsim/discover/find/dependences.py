@@ -26,7 +26,7 @@ from jaxsim.discover.find.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null_model import standardised
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import best_of_gains, chance_of_best, rank_correlation
+from jaxsim.discover.scenes import ROUNDING, best_of_gains, folds, rank_correlation, signs_of
 from jaxsim.discover.verdict import Where
 from jaxsim.effects.chain import SensorModel
 
@@ -61,8 +61,7 @@ class Additive:
         ends = np.cumsum([1, *(design.shape[1] for design in designs.values())])
         self.columns = {name: slice(*ends[k : k + 2]) for k, name in enumerate(designs)}
         # Whole scenes are held out: rays of one street would tell each other's residuals.
-        folds = min(RULES.additive_folds, scenes)
-        self.parts = [np.flatnonzero(scene % folds == k) for k in range(folds)]
+        self.parts = [np.flatnonzero(fitted == 0) for fitted in folds(scene, RULES.additive_folds)]
         # Products in single precision are summed in double: the systems that are solved hold all folds but one.
         held_out = [x[part] for part in self.parts]
         self.squares = [(design.T @ design).astype(np.float64) for design in held_out]
@@ -72,31 +71,66 @@ class Additive:
     def predicted(self, names: Sequence[str]) -> Float[np.ndarray, " n"]:
         """What a constant and the named curves say of each residual, fitted to the scenes of the other folds."""
         # Each curve's columns are neighbours, so that no rows are copied.
-        blocks = [slice(0, 1), *(self.columns[name] for name in names)]
+        blocks = self._blocks(names)
         used = np.r_[tuple(blocks)]
         ends = np.cumsum([block.stop - block.start for block in blocks])
         prediction = np.zeros(len(self.z))
-        for part, x, square, product in zip(self.parts, self.held_out, self.squares, self.products, strict=True):
-            # Sums over all folds less this one's: no curve is fitted again from its rays.
-            gram = (sum(self.squares) - square)[np.ix_(used, used)] + RULES.ridge * np.eye(len(used))
-            coefficients = np.linalg.solve(gram, (sum(self.products) - product)[used])
+        for k, (part, x, product) in enumerate(zip(self.parts, self.held_out, self.products, strict=True)):
+            coefficients = np.linalg.solve(self._gram(k, used), (sum(self.products) - product)[used])
             for block, values in zip(blocks, np.split(coefficients, ends[:-1]), strict=True):
                 prediction[part] += x[:, block] @ values
         return prediction
 
-    def by_scene(
-        self, before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
-        """Held-out gain of each scene from one prediction to another, nats, and its rate at the start of the way.
+    def _blocks(self, names: Sequence[str]) -> list[slice]:
+        """The columns of the constant and of the named curves."""
+        return [slice(0, 1), *(self.columns[name] for name in names)]
 
-        The rate is what a scene says of the direction: below 0 as often as above where there is nothing to find. The
-        gain is then mostly below, for it pays for what was fitted to chance.
-        """
+    def _gram(self, k: int, used: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k k"]:
+        """Sums of squares of the columns used, of all folds but one: no curve is fitted again from its rays."""
+        return (sum(self.squares) - self.squares[k])[np.ix_(used, used)] + RULES.ridge * np.eye(len(used))
+
+    def by_scene(self, before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]) -> Float[np.ndarray, " s"]:
+        """Held-out gain of each scene from one prediction to another, nats: mostly below 0 where there is nothing to
+        find, for it pays for what was fitted to chance."""
         residual = self.z - before
         change = after - before
-        # ln N(z; after, 1) - ln N(z; before, 1) = residual · change - change² / 2, of which the rate is the first term.
-        rate = np.bincount(self.scene, residual * change, self.scenes)
-        return rate - 0.5 * np.bincount(self.scene, change**2, self.scenes), rate
+        # ln N(z; after, 1) - ln N(z; before, 1) = residual · change - change² / 2
+        return np.bincount(self.scene, residual * change - 0.5 * change**2, self.scenes)
+
+    def chance_of_best(
+        self, taken: Sequence[str], tried: Sequence[str], *, before: Float[np.ndarray, " n"], best: int
+    ) -> float:
+        """How often chance lets some covariate tried, on top of the prediction `before` of those `taken`, agree with
+        what is held out as well as number `best` of them does: trying many is paid for (max-T).
+
+        Chance turns the signs of scenes' residuals and fits each curve to them anew (Freedman & Lane 1983): scenes that
+        are in each other's fits gain together, and signs of their gains alone would make them look surer than they are.
+        The agreement is the sum of residual times prediction, in units of what it varies by so.
+        """
+        residual = self.z - before
+        products = np.zeros((self.scenes, sum(design.shape[1] for design in self.held_out[:1])))
+        for part, x in zip(self.parts, self.held_out, strict=True):
+            for scene in np.unique(self.scene[part]):
+                of_scene = self.scene[part] == scene
+                products[scene] = x[of_scene].T @ residual[part][of_scene]
+        without = self._shared(taken, products)
+        signs = signs_of(self.scenes)
+        agreed = [((signs @ (self._shared([*taken, name], products) - without)) * signs).sum(1) for name in tried]
+        scaled = np.stack([sums / (np.sqrt((sums**2).mean()) + 1e-12) for sums in agreed])
+        # The first signs turn nothing: what was measured.
+        return float(np.mean(~(scaled.max(0) < scaled[best, 0] - ROUNDING)))
+
+    def _shared(self, names: Sequence[str], products: Float[np.ndarray, "s k"]) -> Float[np.ndarray, "s s"]:
+        """What each scene (column), by the fit of a constant and the named curves, adds to the agreement of each that
+        is held out (row); `products` are those of the scenes' columns with their residuals."""
+        used = np.r_[tuple(self._blocks(names))]
+        shared = np.zeros((self.scenes, self.scenes))
+        for k, part in enumerate(self.parts):
+            held_out = np.unique(self.scene[part])
+            fitted = np.setdiff1d(np.arange(self.scenes), held_out)
+            coefficients = np.linalg.solve(self._gram(k, used), products[np.ix_(fitted, used)].T)
+            shared[np.ix_(held_out, fitted)] = products[np.ix_(held_out, used)] @ coefficients
+        return shared
 
 
 def localise(
@@ -107,7 +141,8 @@ def localise(
     most: int = RULES.dependences_tried,
 ) -> list[Dependence]:
     """Ranks (channel, covariate), strongest first. Within a channel a covariate counts for what it adds to
-    those above it. A p-value is that of the strongest of all covariates tried (`chance_of_best`), times the channels.
+    those above it. A p-value is that of the strongest of all covariates tried (`Additive.chance_of_best`), times the
+    channels.
 
     `rays` are host arrays (b, c, r); `residuals` gives each channel's standardised residuals and where they count;
     `scene` is that of each block.
@@ -134,10 +169,9 @@ def localise(
         before = model.predicted(taken)
         while rest and len(taken) < most:
             after = [model.predicted([*taken, name]) for name in rest]
-            by_scene = [model.by_scene(before, prediction) for prediction in after]
-            gains = np.stack([gain for gain, _ in by_scene])
-            best = int(gains.sum(1).argmax())
-            gain = float(gains[best].sum())
+            gains = [model.by_scene(before, prediction).sum() for prediction in after]
+            best = int(np.argmax(gains))
+            gain = float(gains[best])
             if gain <= 0:
                 break
             # The sum of squares falls by twice the gain.
@@ -146,7 +180,7 @@ def localise(
                 rest.pop(best)
                 continue
             # The channels are a second list of which the best is taken: Bonferroni, for they are only three.
-            p = min(1.0, len(residuals) * chance_of_best(np.stack([rate for _, rate in by_scene]), best))
+            p = min(1.0, len(residuals) * model.chance_of_best(taken, rest, before=before, best=best))
             dependences.append(Dependence(channel, rest[best], p, share, gain))
             taken.append(rest.pop(best))
             before = after[best]
@@ -216,7 +250,7 @@ def interactions(
         gains = []
         for a, b in crossed:
             model = Additive(rest, {"product": products(curves[a], curves[b])}, index, scenes=scenes)
-            gains.append(model.by_scene(np.zeros(len(rest)), model.predicted(["product"]))[0])
+            gains.append(model.by_scene(np.zeros(len(rest)), model.predicted(["product"])))
         best, p = best_of_gains(np.stack(gains))
         # As in `localise`: the best of the channels' is listed.
         p = min(1.0, len(residuals) * p)

@@ -44,7 +44,8 @@ def made(seed: int, height: float) -> tuple[Additive, np.ndarray]:
 
 def test_a_prediction_is_ridge_regression_on_the_other_folds():
     model, z = made(0, 1.0)
-    held = model.scene % 4 == 1
+    held = np.isin(np.arange(len(z)), model.parts[1])
+    assert set(model.scene[held]).isdisjoint(model.scene[~held])
     x = np.empty((len(z), 4))
     for part, rows in zip(model.parts, model.held_out, strict=True):
         x[part] = rows
@@ -54,12 +55,54 @@ def test_a_prediction_is_ridge_regression_on_the_other_folds():
 
 def test_every_scene_gains_by_what_is_there_and_pays_for_what_is_not():
     model, _ = made(1, 1.0)
-    gain, rate = model.by_scene(model.predicted([]), model.predicted(["group"]))
-    assert (gain > 0).all()
-    assert (rate > gain).all()
+    assert (model.by_scene(model.predicted([]), model.predicted(["group"])) > 0).all()
     empty = [made(seed, 0.0)[0] for seed in range(2, 22)]
-    lost = [one.by_scene(one.predicted([]), one.predicted(["group"]))[0].sum() for one in empty]
+    lost = [one.by_scene(one.predicted([]), one.predicted(["group"])).sum() for one in empty]
     assert np.mean(lost) < 0
+
+
+def test_what_every_fourth_scene_has_gains_there():
+    rng = np.random.default_rng(3)
+    scene = np.repeat(np.arange(16), EACH)
+    x = rng.normal(0, 1, (len(scene), 1)).astype(np.float32)
+    z = rng.normal(0, 1, len(scene)) + 2 * x[:, 0] * (scene % 4 == 0)
+    model = Additive(z, {"x": x}, scene, scenes=16)
+    assert (model.by_scene(model.predicted([]), model.predicted(["x"]))[::4] > 0).all()
+
+
+def two_slopes(own: np.ndarray, other: np.ndarray) -> Additive:
+    """Residuals that depend on covariate a by the slopes `own` of scenes, and on b by those of `other`."""
+    rng = np.random.default_rng(8)
+    scene = np.repeat(np.arange(len(own)), EACH)
+    a, b = rng.normal(0, 1, (2, len(scene), 1)).astype(np.float32)
+    z = rng.normal(0, 1, len(scene)) + own[scene] * a[:, 0] + other[scene] * b[:, 0]
+    return Additive(z, {"a": a, "b": b}, scene, scenes=len(own))
+
+
+def chance(model: Additive, best: int) -> float:
+    return model.chance_of_best([], ["a", "b"], before=model.predicted([]), best=best)
+
+
+def test_what_all_scenes_agree_on_no_turned_signs_reach():
+    model = two_slopes(np.full(11, 0.6), np.zeros(11))
+    # All signs turned at once are what was measured, too.
+    assert chance(model, 0) == pytest.approx(2 / 2**11)
+    assert chance(model, 1) > 0.05
+
+
+def test_a_covariate_on_which_one_scene_goes_wild_does_not_hide_one_on_which_all_agree():
+    wild = np.zeros(11)
+    wild[4] = 20.0
+    model = two_slopes(np.full(11, 1.0), wild)
+    assert chance(model, 0) < 0.01
+    assert chance(model, 1) > 0.1
+
+
+def test_residuals_that_are_no_numbers_show_nothing():
+    model = two_slopes(np.full(11, 0.6), np.zeros(11))
+    before = model.predicted([])
+    before[0] = np.nan
+    assert model.chance_of_best([], ["a", "b"], before=before, best=0) == 1
 
 
 @pytest.mark.parametrize("name", ["range", "incidence", "row", "class", "height"])
