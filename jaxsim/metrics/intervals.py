@@ -32,11 +32,15 @@ def half_width(values: Float[np.ndarray, "s *k"]) -> Float[np.ndarray, "*k"]:
     return np.where(n > 1, width, np.nan)
 
 
+def known_mean(values: Float[np.ndarray, " s"]) -> float:
+    """Mean over the scenes that have a value; NaN where none has."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")
+
+
 def mean_interval(values: Float[np.ndarray, " s"]) -> tuple[float, float]:
     """Interval of a mean over scenes; NaN where fewer than two scenes have a value."""
-    if not np.isfinite(values).any():
-        return float("nan"), float("nan")
-    centre = float(np.nanmean(values))
+    centre = known_mean(values)
     half = float(half_width(values))
     return centre - half, centre + half
 
@@ -56,14 +60,17 @@ def ratio_interval(top: Float[np.ndarray, " s"], bottom: Float[np.ndarray, " s"]
     n = len(top)
     if n < 2:
         return float("nan"), float("nan")
-    # Of sums: a mean of the scenes' ratios would be ruled by those that have next to nothing below.
-    without = (top.sum() - top) / (bottom.sum() - bottom)
-    return jackknife_interval(float(top.sum() / bottom.sum()), without)
+    # Of sums: a mean of the scenes' ratios would be ruled by those that have next to nothing below. Where one scene has
+    # all of it, nothing is left without that one.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        without = (top.sum() - top) / (bottom.sum() - bottom)
+        return jackknife_interval(float(top.sum() / bottom.sum()), without)
 
 
 def jackknife_interval(value: float, without: Float[np.ndarray, " s"]) -> tuple[float, float]:
-    """Interval of a value that becomes `without` each of the scenes; NaN where there are fewer than two."""
-    if len(without) < 2:
+    """Interval of a value that becomes `without` each of the scenes; NaN where there are fewer than two, or where it
+    is no number without one of them (a PSNR whose errors were all in that one)."""
+    if len(without) < 2 or not np.isfinite([value, *without]).all():
         return float("nan"), float("nan")
     half = float(jackknife_half_width(without))
     return float(value - half), float(value + half)

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from jaxsim.metrics.intervals import half_width, jackknife_half_width, mean_interval, ratio_interval
+from jaxsim.metrics.intervals import (
+    half_width,
+    jackknife_half_width,
+    jackknife_interval,
+    known_mean,
+    mean_interval,
+    ratio_interval,
+)
 from jaxsim.metrics.paired import difference_of, frame_sums, scene_intervals
 
 SHAPE = (8, 60)
@@ -70,3 +77,11 @@ def test_the_band_of_fits_that_share_scenes_covers_their_mean():
         fits = (scenes.sum() - scenes) / 2  # each of two groups
         covered += abs(fits.mean()) <= float(jackknife_half_width(fits))
     assert covered / 3000 == pytest.approx(0.9, abs=0.02)
+
+
+def test_what_no_scene_has_has_no_mean_and_what_one_alone_has_no_interval():
+    assert known_mean(np.array([1.0, np.nan, 3.0])) == 2
+    assert np.isnan(known_mean(np.full(3, np.nan)))
+    assert np.isnan(mean_interval(np.full(3, np.nan))).all()
+    assert np.isnan(ratio_interval(np.array([1.0, 2.0, 3.0]), np.array([0.0, 4.0, 0.0]))).all()
+    assert np.isnan(jackknife_interval(30.0, np.array([29.0, np.inf, 31.0]))).all()

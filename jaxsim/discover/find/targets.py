@@ -15,6 +15,7 @@ from jaxsim.data.cityscapes import NAMES
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Fidelity, Interval
+from jaxsim.metrics.intervals import known_mean
 
 
 def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
@@ -86,5 +87,5 @@ def _errors(off: list[np.ndarray]) -> tuple[Interval, Interval]:
 
 def mean_over_scenes(values: list[np.ndarray], *, least: float = -np.inf) -> Interval:
     """The mean over scenes of the means over their targets, in per cent; no absolute error is below 0 (`least`)."""
-    means = np.array([np.nanmean(rows) if np.isfinite(rows).any() else np.nan for rows in values])
+    means = np.array([known_mean(rows) for rows in values])
     return Interval.of_scenes(100 * means, "%", fewest=RULES.fewest_for_scatter, least=least)

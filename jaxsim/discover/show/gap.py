@@ -33,7 +33,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict.parts import Gained, Gap, Interval
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.frame import Array
-from jaxsim.metrics.intervals import mean_interval, ratio_interval
+from jaxsim.metrics.intervals import known_mean, mean_interval, ratio_interval
 
 ERROR_UNITS = {
     "intensity": "mean absolute error of ln I",
@@ -150,14 +150,14 @@ def gap_of(
     """The gap of one channel, of each judge scene's errors in `unit`; NaN where nothing is compared."""
     shrunk = before - after
     return Gap(
-        float(np.nanmean(before)),
-        float(np.nanmean(after)),
+        known_mean(before),
+        known_mean(after),
         *mean_interval(shrunk),
         unit=unit,
-        floor=float(np.nanmean(floor)),
-        placebo=float(np.nanmean(placebo)),
+        floor=known_mean(floor),
+        placebo=known_mean(placebo),
         # A scene that was not compared is neither won nor lost.
-        win_rate=float(np.nanmean(np.where(np.isfinite(shrunk), shrunk > 0, np.nan))),
+        win_rate=known_mean(np.where(np.isfinite(shrunk), shrunk > 0, np.nan)),
         gained=gained,
     )
 
