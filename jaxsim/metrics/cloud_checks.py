@@ -143,7 +143,8 @@ def compare_clouds(real: CloudCounts, others: Mapping[str, CloudCounts], kind: s
 
     `points` a scene; `objects` of the class; `points_0_15` ...: median on an object of the class at that distance in
     metres; `range_m`, `height_m`, `intensity` and, for all that is on no object, `rest_intensity`: Wasserstein distance
-    to real; `empty`: share of the directions without a return, and `empty_off`: mean absolute difference of that share
+    to real, of the class NaN where either side has no object that was counted, whatever points lie on objects that are
+    cut; `empty`: share of the directions without a return, and `empty_off`: mean absolute difference of that share
     to real's.
     """
     table = {}
@@ -152,10 +153,10 @@ def compare_clouds(real: CloudCounts, others: Mapping[str, CloudCounts], kind: s
         for band in DISTANCES_M:
             counted = counts.on_objects.get(kind, {}).get(band, [])
             row[band_name(band)] = float(np.median(counted)) if counted else float("nan")
+        counted = all(objects_of(side, kind) for side in (real, counts))
+        for measure, quantity in (("range_m", "range"), ("height_m", "height"), ("intensity", "intensity")):
+            row[measure] = distribution_distance(real, counts, kind, quantity=quantity) if counted else float("nan")
         row |= {
-            "range_m": distribution_distance(real, counts, kind, quantity="range"),
-            "height_m": distribution_distance(real, counts, kind, quantity="height"),
-            "intensity": distribution_distance(real, counts, kind, quantity="intensity"),
             "rest_intensity": distribution_distance(real, counts, REST, quantity="intensity"),
             "empty": float(drop_map(counts).mean()),
             "empty_off": float(np.abs(drop_map(counts) - drop_map(real)).mean()),

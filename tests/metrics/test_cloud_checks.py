@@ -82,6 +82,16 @@ def test_objects_beyond_45_m_are_counted_too_but_not_those_that_the_range_cut():
     assert np.isnan(row["points_30_45"])
 
 
+def test_a_class_of_which_no_object_was_counted_has_no_distance():
+    """The range cuts the only object, of which points are left."""
+    scene = cloud(40, 50, intensity=0.5), CAR, ("Car",)
+    cut = count_clouds([scene], range_m=np.array([0.0, -20, -3, 9.9, 20, 1]))
+    row = compare_clouds(count_clouds([scene]), {"raw": cut}, "Car")["raw"]
+    assert row["objects"] == 0
+    assert np.isnan([row["range_m"], row["height_m"], row["intensity"]]).all()
+    assert row["rest_intensity"] == 0
+
+
 def test_classes_are_those_of_any_cloud_the_asked_one_first():
     def one(*kinds):
         return count_clouds([(cloud(5, 5, intensity=0.5), np.repeat(CAR, len(kinds), axis=0), kinds)])

@@ -33,7 +33,7 @@ from jaxsim.data.synthetic.world import FRAMES_PER_DRIVE
 from jaxsim.files import claim, claim_settings, stamp, write_text
 from jaxsim.progress import Progress
 from jaxsim.report.results import write_results
-from jaxsim.studies.segmentation.study import INTENSITIES, Study
+from jaxsim.studies.segmentation.study import INTENSITIES, Study, check_parts
 
 SUBURB, TOWN = "suburb", "town"
 _log = logging.getLogger(__name__)
@@ -67,6 +67,8 @@ def run_segmentation(config: SegmentationConfig) -> Path:
             note="stamps of the folder's images, which have changed since",
         )
     else:
+        # Refused before anything is rendered into a folder that is claimed for it.
+        check_parts(config.parts, config.frames, elsewhere=True)
         claim_settings(kept, config, by="segmentation", free=free)
         study = Study.of_folders(config, *_embedded(config.out / "images", config.frames))
     for part in Progress(study.rounds, desc="judging", unit="part"):

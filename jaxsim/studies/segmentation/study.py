@@ -22,6 +22,18 @@ Confusion = Int[np.ndarray, "classes classes"]
 """Cells by true class (rows) and told class (columns), of all that returned and have a label."""
 
 
+def check_parts(parts: int, images: int, *, elsewhere: bool) -> None:
+    """Raises ValueError where so many images cannot be cut into so many parts, or these are too few to learn from:
+    what is judged is one of them, or `elsewhere`."""
+    fewest = 2 if elsewhere else 3
+    if parts < fewest or images < parts:
+        raise ValueError(
+            f"segmentation: {images} images in {parts} parts; "
+            + ("of two parts each" if elsewhere else "a part is judged, and of two others each")
+            + f" simulates for the other: give {fewest} parts or more, and an image for each"
+        )
+
+
 class Study:
     """One folder's images, sensors and scores."""
 
@@ -32,13 +44,13 @@ class Study:
         *,
         judged: Sequence[RangeImage] | None = None,
     ):
-        fewest = 3 if judged is None else 2
-        if config.parts < fewest or len(images) < config.parts:
-            raise ValueError(
-                f"segmentation: {len(images)} images in {config.parts} parts; "
-                + ("a part is judged, and of two others each" if judged is None else "of two parts each")
-                + f" simulates for the other: give {fewest} parts or more, and an image for each"
-            )
+        check_parts(config.parts, len(images), elsewhere=judged is not None)
+        for said, of_kind in (("learn from", images), ("judge", judged)):
+            if of_kind is not None and not any(image.label.any() for image in of_kind):
+                raise ValueError(
+                    f"segmentation: no cell of the {len(of_kind)} images to {said} has a label; labels are numbers of "
+                    "classes from 1 on, 0 is none"
+                )
         self.config = config
         self.images = images
         self.judged = judged

@@ -55,9 +55,12 @@ def test_wrong_settings_are_told(folder, tmp_path):
         ("--judged was given without --root", {"root": None, "judged": folder}),
         ("half of them judge", {"root": None, "frames": 1}),
         ("6 images in 7 parts", {"parts": 7}),
+        ("3 images in 1 parts; of two parts each", {"root": None, "frames": 3, "parts": 1}),
     ):
         with pytest.raises(ValueError, match=words):
             run_segmentation(SegmentationConfig(**({"root": folder, "out": tmp_path} | change)))
+    # Nothing was begun: the right settings are not those of another study.
+    assert not [*tmp_path.iterdir()]
     with pytest.raises(ValueError, match="no task 'depth'"):
         run(["--task", "depth"])
 
@@ -68,6 +71,16 @@ def test_images_of_another_sensor_are_not_judged(folder, tmp_path):
     np.savez(other / "0.npz", scan=np.ones((5, 16, 6), np.float32))
     with pytest.raises(ValueError, match="judge frames of the same sensor"):
         run_segmentation(SegmentationConfig(root=folder, judged=other, out=tmp_path / "out"))
+
+
+def test_images_without_a_label_are_told_before_anything_is_learned(folder, tmp_path):
+    (tmp_path / "one").mkdir()
+    for k in range(6):
+        np.savez(tmp_path / "one" / f"{k}.npz", scan=np.ones((4, 16, 6), np.float32) * [1, 1, 1, 1, 1, 0])
+    with pytest.raises(ValueError, match="no cell of the 6 images to learn from has a label"):
+        run_segmentation(SegmentationConfig(root=tmp_path / "one", out=tmp_path / "out"))
+    with pytest.raises(ValueError, match="no cell of the 6 images to judge has a label"):
+        run_segmentation(SegmentationConfig(root=folder, judged=tmp_path / "one", out=tmp_path / "out"))
 
 
 @pytest.mark.long
