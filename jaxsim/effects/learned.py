@@ -156,8 +156,8 @@ class Learned:
             what = NEEDS.get(name)
             if what and not has.get(what, True):
                 raise ValueError(
-                    f"sensor: the law of {self.channel} learned along {name} needs the frames' {what}, which these do "
-                    f"not hold; give frames with {what}, or take the law out of `learned` in sensor.json"
+                    f"sensor: the law of {self.channel} learned along {name} needs the frames' {what}, of which these "
+                    f"hold nothing, or 0 alone; give frames with {what}, or take the law out of `learned` in sensor.json"
                 )
 
     def check(self, scan: Scan) -> None:

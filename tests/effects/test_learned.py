@@ -175,7 +175,7 @@ def test_a_law_of_more_beams_than_the_sensor_has_is_refused(tmp_path):
 
 def test_a_law_of_what_frames_do_not_hold_is_refused(scan):
     law = replace(WAVE, covariates=("hue",))
-    with pytest.raises(ValueError, match="learned along hue needs the frames' rgb, which these do not hold"):
+    with pytest.raises(ValueError, match="learned along hue needs the frames' rgb, of which these hold nothing"):
         law.check(replace(scan, rgb=jnp.zeros_like(scan.rgb)))
     with pytest.raises(ValueError, match="needs the frames' speed"):
         replace(WAVE, covariates=("speed",)).check_known({"speed": False})
