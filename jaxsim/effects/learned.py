@@ -157,7 +157,7 @@ class Learned:
             if what and not has.get(what, True):
                 raise ValueError(
                     f"sensor: the law of {self.channel} learned along {name} needs the frames' {what}, of which these "
-                    f"hold nothing, or 0 alone; give frames with {what}, or take the law out of `learned` in sensor.json"
+                    f"hold nothing, or 0 alone; give frames with {what}, or take the law out of sensor.json's `learned`"
                 )
 
     def check(self, scan: Scan) -> None:

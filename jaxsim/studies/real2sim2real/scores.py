@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -144,16 +144,29 @@ def score_rows(loop: Loop, *, of_real: bool) -> list[tuple[str, str, list[tuple[
 
 
 def answer(loop: Loop) -> str:
-    """Whether simulated intensity was worth anything: moderate 3D AP on real clouds, against depth alone."""
+    """Whether simulated intensity was worth anything: moderate 3D AP on real clouds, against depth alone, over the
+    seeds that both have."""
+    compared = ("simulated_64", "raw_64")
+    absent = [kind for kind in compared if kind not in loop.config.kinds]
+    if absent:
+        return (
+            f"What simulated intensity is worth is not asked: of {' and '.join(compared)}, no {' and '.join(absent)}."
+        )
+    both = [
+        seed for seed in loop.config.seeds if all(read_checkpoints(loop, kind, REAL, seed=seed) for kind in compared)
+    ]
+    if not both:
+        return "Not all detectors are scored yet."
+    of_both = replace(loop, config=replace(loop.config, seeds=tuple(both)))
 
     def moderate(kind: str) -> Average | None:
-        return read_average(loop, kind, REAL, column=PRINTED_COLUMNS[0], difficulty="moderate")
+        return read_average(of_both, kind, REAL, column=PRINTED_COLUMNS[0], difficulty="moderate")
 
     simulated, raw = moderate("simulated_64"), moderate("raw_64")
     if simulated is None or raw is None:
-        return "Not all detectors are scored yet."
-    gain, seeds = simulated.mean - raw.mean, min(simulated.seeds, raw.seeds)
-    spread = f"over {seeds} seeds" if simulated.spread is not None else "one seed, so the spread is not known"
+        return f"No label of {loop.target} in the real clouds counts as moderate: what was learned is not told."
+    gain = simulated.mean - raw.mean
+    spread = f"over {len(both)} seeds" if simulated.spread is not None else "one seed, so the spread is not known"
     text = (
         f"Cars in real clouds, moderate, 3D AP: {simulated.mean:.1f} after training on simulated intensity, "
         f"{raw.mean:.1f} without it ({gain:+.1f}"

@@ -69,6 +69,22 @@ def test_the_answer_says_what_intensity_was_worth_and_the_spread(scored):
     assert answer(replace(scored, config=replace(scored.config, seeds=(7,)))) == "Not all detectors are scored yet."
 
 
+def test_the_answer_compares_the_seeds_that_both_have_of_kinds_that_are_asked(scored):
+    scored.score("simulated_64", "real", 0).unlink()
+    assert "one seed" in (said := answer(scored))
+    # Seed 1 alone, of both.
+    assert "57.0 after training on simulated intensity, 42.0 without it (+15.0; one seed" in said
+    without = replace(scored, config=replace(scored.config, kinds=("raw_64", "raw_32")))
+    assert answer(without).endswith("of simulated_64 and raw_64, no simulated_64.")
+
+
+def test_where_no_label_counts_the_answer_says_so(loop):
+    for kind in ("raw_64", "simulated_64"):
+        nothing = curve(0, truths=0)
+        write_score(loop.score(kind, "real", 0), [[nothing]], steps=(5,), frames=3)
+    assert answer(loop).startswith("No label of Car in the real clouds counts as moderate")
+
+
 def test_the_papers_numbers_stand_beside_ours(scored):
     SensorModel((("random_dropout", {"probability": 0.1}),)).save(scored.effects)
     text = loop_tables(scored, {kind: clouds(value) for kind, value in COUNTS.items()})
