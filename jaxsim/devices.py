@@ -146,6 +146,11 @@ def by_first(action: Callable[[], None]) -> None:
         raise ValueError("devices: process 0 stopped; its own output says why")
 
 
+def of_first(number: int) -> int:
+    """Process 0's number, on every process."""
+    return int(multihost_utils.broadcast_one_to_all(np.int32(number)))
+
+
 def cut(mesh: Mesh | None, part: PyTree) -> PyTree:
     """This process's part of a batch as the batch of all: arrays cut along their first axis over the mesh."""
     if mesh is None:

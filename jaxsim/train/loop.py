@@ -60,7 +60,8 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     if checkpoints and checkpoints.latest:
         state = checkpoints.restore("state", state)
         _log.info(f"resuming {folder} at step {checkpoints.latest}")
-    start = step = int(state.step)
+    # The others restore nothing: what they begin with comes from the first, and so does where.
+    start = step = devices.of_first(int(state.step))
     state = devices.everywhere(training.mesh(start), state)
     run = OpenRun(training, folder, checkpoints, MetricsLog(folder, start, writes=writes))
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -95,28 +96,38 @@ def test_a_killed_run_resumes_to_the_result_of_an_uninterrupted_one(work):
     assert metrics(run) == metrics(work / "runs" / "demo")
 
 
-@pytest.mark.slow
-def test_two_processes_train_the_run_that_one_trains(work):
+def trained_by_two(work: Path, *flags: str) -> list[str]:
+    """What each of two processes says that train a run together."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
-    flags = (*TINY, "--run.name=shared", "--run.distributed")
+    command = (TRAIN, "synthetic", *TINY, "--run.distributed", *flags)
     launcher = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": "2", **QUICK}
     with ThreadPoolExecutor(2) as threads:
-        each = [
-            threads.submit(said, work, TRAIN, "synthetic", *flags, **launcher, JAX_PROCESS_ID=str(i)) for i in range(2)
-        ]
-        outputs = [one.result() for one in each]
-    assert "6 steps done" in outputs[0]
-    assert "steps done" not in outputs[1]
+        each = [threads.submit(said, work, *command, **launcher, JAX_PROCESS_ID=str(i)) for i in range(2)]
+        return [one.result() for one in each]
+
+
+@pytest.mark.slow
+def test_two_processes_train_and_resume_the_run_that_one_trains(work):
+    first, second = trained_by_two(work, "--run.name=shared")
+    assert "6 steps done" in first
+    assert "steps done" not in second
     ours, alone = metrics(work / "runs" / "shared"), metrics(work / "runs" / "demo")
     assert set(ours) == set(alone)
     for key, value in alone.items():
         if key[1].startswith("loss/"):  # after an update, Adam's steps on rounding noise differ
             assert ours[key] == pytest.approx(value, rel=1e-5 if key[0] == 1 else 1e-2), key
-    # One process resumes it; four epochs of four frames are eight batches of two.
-    said(work, TRAIN, "synthetic", *TINY, "--run.name=shared", "--optim.epochs=4", **QUICK)
-    assert max(metrics(work / "runs" / "shared"))[0] == 8
+    # Two resume it, or one; four epochs of four frames are eight batches of two.
+    shutil.copytree(work / "runs" / "shared", work / "alone" / "shared")
+    first, _ = trained_by_two(work, "--run.name=shared", "--optim.epochs=4")
+    assert "resuming" in first
+    said(work, TRAIN, "synthetic", *TINY, "--run.name=shared", "--run.out=alone", "--optim.epochs=4", **QUICK)
+    ours, alone = metrics(work / "runs" / "shared"), metrics(work / "alone" / "shared")
+    assert max(ours)[0] == max(alone)[0] == 8
+    for (step, name), value in alone.items():
+        if step == 7 and name.startswith("loss/"):
+            assert ours[step, name] == pytest.approx(value, rel=1e-5), name
 
 
 def test_another_command_does_not_overwrite_a_run(work):
