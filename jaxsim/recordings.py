@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.files import check_apart, file_of, need, replacing
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
-from jaxsim.progress import Progress
+from jaxsim.progress import Progress, counted
 
 _log = logging.getLogger(__name__)
 
@@ -176,12 +176,8 @@ def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int
         )
     bar = Progress(names, unit="cloud", desc="writing")
     if to in WHOLE_FILE:
-        if timeless := sum("time" not in frames.about.get(name, {}) for name in names):
-            _log.warning(
-                f"frames: {timeless} of {len(names)} frames have no time in grid.json; {out} has them a tenth of a "
-                "second apart, and who reads it takes that for true"
-            )
-        WHOLE_FILE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
+        times_s = _times(frames, names)
+        WHOLE_FILE[to](out, (Stamped(times_s[k], table_of(*_cloud(frames, name))) for k, name in enumerate(bar)))
         return len(names)
     if to == "npz":
         check_apart(out, folder, by="frames")
@@ -198,6 +194,16 @@ def _cloud(frames: PolarFrames, name: str) -> tuple[Cloud, np.ndarray | None]:
     return cloud, columns["time"].ravel().astype(np.float32) if "time" in columns else None
 
 
-def _stamped(frames: PolarFrames, name: str, number: int) -> Stamped:
-    """A frame's cloud at its time; frames without one are a tenth of a second apart."""
-    return Stamped(float(frames.about.get(name, {}).get("time", number / 10)), table_of(*_cloud(frames, name)))
+def _times(frames: PolarFrames, names: Sequence[str]) -> list[float]:
+    """Times of these frames (s): grid.json's where it has all, else a tenth of a second apart, of which it warns."""
+    said = [frames.about.get(name, {}).get("time") for name in names]
+    times_s = [float(one) for one in said if one is not None]
+    if len(times_s) == len(names):
+        return times_s
+    # Of some alone nothing is taken: years would lie between them and the others.
+    left_out = f", so that those of {counted(len(times_s), 'frame')} are left out" if times_s else ""
+    _log.warning(
+        f"frames: {len(names) - len(times_s)} of {len(names)} frames have no time in grid.json{left_out}; the "
+        "recording has all a tenth of a second apart, and who reads it takes that for true"
+    )
+    return [number / 10 for number in range(len(names))]

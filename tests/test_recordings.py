@@ -1,12 +1,14 @@
 """Clouds as recordings: what other programs' own libraries read of them."""
 
+import json
+
 import numpy as np
 import pytest
 
 from jaxsim.cloud.formats import table_of
 from jaxsim.data.clouds import read_cloud
 from jaxsim.data.polar_frames import open_polar_frames
-from jaxsim.recordings import Stamped, export_frames, write_mcap, write_rrd
+from jaxsim.recordings import WHOLE_FILE, Stamped, export_frames, write_mcap, write_rrd
 from tests.cloud.made_clouds import lined
 from tests.discover.made_gate import sides
 
@@ -85,3 +87,21 @@ def test_frames_without_a_time_are_told_where_a_form_must_have_one(tmp_path, cap
     folder, _ = sides(tmp_path, scenes=3)
     export_frames(folder, tmp_path / "a.mcap", "mcap")
     assert "3 of 3 frames have no time in grid.json" in caplog.text
+
+
+def test_where_some_frames_lack_a_time_none_has_one(tmp_path, monkeypatch, caplog):
+    written = []
+    keep = lambda path, clouds: written.append([stamped.time_s for stamped in clouds])  # noqa: E731
+    monkeypatch.setitem(WHOLE_FILE, "mcap", keep)
+    folder, _ = sides(tmp_path, scenes=3)
+    grid = json.loads((folder / "grid.json").read_text())
+    for k, about in enumerate(grid["frames"].values()):
+        about["time"] = 1.3e9 + k
+    (folder / "grid.json").write_text(json.dumps(grid))
+    export_frames(folder, tmp_path / "a.mcap", "mcap")
+    assert "have no time" not in caplog.text
+    del about["time"]
+    (folder / "grid.json").write_text(json.dumps(grid))
+    export_frames(folder, tmp_path / "a.mcap", "mcap")
+    assert "1 of 3 frames have no time in grid.json, so that those of 2 frames are left out" in caplog.text
+    assert written == [[1.3e9, 1.3e9 + 1, 1.3e9 + 2], [0.0, 0.1, 0.2]]

@@ -81,12 +81,15 @@ def words_of(error: BaseException) -> str | None:
     of_path = error.__context__  # pathlib makes a RuntimeError of a link to itself, before Python 3.13
     if isinstance(error, RuntimeError) and isinstance(of_path, OSError) and of_path.errno == errno.ELOOP:
         return words_of(of_path)
+    from jaxsim.files import first_line  # not before it is needed: `jaxsim --help` reads no file
+
+    said = first_line(error)
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
-        return f"not enough memory ({_first(error)}); ask for less at once (--batch, --workers) or of smaller grids"
+        return f"not enough memory ({said}); ask for less at once (--batch, --workers) or of smaller grids"
     if _has_no_device(error):
-        return f"JAX starts no device ({_first(error)}); JAX_PLATFORMS=cpu needs none, jaxsim doctor tells what is set"
+        return f"JAX starts no device ({said}); JAX_PLATFORMS=cpu needs none, jaxsim doctor tells what is set"
     if isinstance(error, DAMAGE):
-        return f"a file is damaged ({type(error).__name__}: {_first(error)}); JAXSIM_TRACEBACK=1 shows where it is read"
+        return f"a file is damaged ({type(error).__name__}: {said}); JAXSIM_TRACEBACK=1 shows where it is read"
     return None
 
 
@@ -94,7 +97,3 @@ def _has_no_device(error: BaseException) -> bool:
     """Whether JAX found nothing to compute on; of a platform whose plugin is missing it asserts so, without a word."""
     unsaid = isinstance(error, AssertionError) and not str(error) and bool(os.environ.get("JAX_PLATFORMS"))
     return unsaid or (isinstance(error, RuntimeError) and "Unable to initialize backend" in str(error))
-
-
-def _first(error: BaseException) -> str:
-    return (str(error).strip() or "no message").splitlines()[0][:200]

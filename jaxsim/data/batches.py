@@ -102,8 +102,7 @@ def batches(
         raise ValueError(f"batches: scale_limit is {scale_limit}; raster must say the size to cut out")
 
     def draw(pair: Pair, rng: np.random.Generator) -> Pair:
-        if raster is None:
-            return pair
+        assert raster
         return magnified(pair, 1 + scale_limit * rng.random(), (rng.random(), rng.random()), size=raster)
 
     def draw_part(pair: Pair, rng: np.random.Generator) -> Pair:

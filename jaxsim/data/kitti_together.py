@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections import Counter
 from itertools import accumulate
 from pathlib import Path
+from typing import Any
 
 from jaxsim.data.kitti import DATE, KittiObject, KittiRaw
 from jaxsim.data.kitti_files import listing
@@ -46,7 +47,7 @@ class KittiTogether:
         return next(iter(self.parts.values())).spec
 
     def __getitem__(self, index: int) -> Frame:
-        part, local = self._place(frame_number(index, self.name, len(self)))
+        part, local = self._place(index)
         return part[local]
 
     def name_of(self, index: int) -> str:
@@ -81,12 +82,11 @@ class KittiTogether:
         lacking = [item for part in parts for item in getattr(part, "lacks", {}).items()]
         return {name: why for name, why in lacking if times[name] == 1}
 
-    def _place(self, index: int) -> tuple[KittiRaw | KittiObject | KittiOdometry, int]:
+    def _place(self, index: Any) -> tuple[KittiRaw | KittiObject | KittiOdometry, int]:
         """The part that holds a position, and the position there."""
-        if not 0 <= index < len(self):
-            raise IndexError(f"kitti: no frame {index}; there are {len(self)}")
-        k = bisect_right(self._ends, index)
-        return list(self.parts.values())[k], index - [0, *self._ends][k]
+        position = frame_number(index, self.name, len(self))
+        k = bisect_right(self._ends, position)
+        return list(self.parts.values())[k], position - [0, *self._ends][k]
 
 
 def _folders(root: Path) -> dict[str, Path]:

@@ -57,7 +57,7 @@ def frame_number(index: Any, name: str, count: int) -> int:
         ) from None
     if not -count <= position < count:
         raise IndexError(f"{name}: there is no frame {position}; the data set has 0 to {count - 1}")
-    return position
+    return position % count
 
 
 def _range(text: str, part: str, length: int) -> range:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxsim.data import Dataset
+from jaxsim.data.select import frame_number
 from jaxsim.files import files_of
 from jaxsim.frame import CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec, turned_points
@@ -44,7 +45,8 @@ class Turned:
         return self.of.spec
 
     def __getitem__(self, index: int) -> Frame:
-        """Raises ValueError for a side that the scan does not have."""
+        """Raises ValueError for a side that the scan does not have, else as `frame_number`."""
+        index = frame_number(index, self.name, len(self))
         frame = self.of[index % len(self.of)]
         degrees = self._degrees(index)
         if not degrees or frame.cloud is None:
@@ -68,9 +70,7 @@ class Turned:
         return [len(self.of) * (1 + k) + i for k in range(len(SIDES)) for i in positions]
 
     def _degrees(self, index: int) -> int:
-        if not 0 <= index < len(self):
-            raise IndexError(f"{self.name}: no frame {index} of {len(self)}")
-        return (0, *SIDES)[index // len(self.of)]
+        return (0, *SIDES)[frame_number(index, self.name, len(self)) // len(self.of)]
 
 
 def _turned(cloud: Cloud, degrees: int, name: str) -> Cloud:

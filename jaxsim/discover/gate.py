@@ -66,8 +66,7 @@ class Gate:
     @property
     def fewest_frames(self) -> int:
         """How many frames a whole answer must have compared."""
-        before = self.baseline.get("frames", 0)
-        return _most_of(before if isinstance(before, int) else 0) if self.frames is None else self.frames
+        return _most_of(self.baseline.get("frames") or 0) if self.frames is None else self.frames
 
 
 @dataclass(frozen=True)
@@ -104,10 +103,16 @@ def read_gate(path: Path) -> Gate:
     nats = _number(given_nats)
     if not nats >= 0:
         raise ValueError(f"gate: {path}: effect_nats is {given_nats!r}; it must be a number, 0 or more")
+    frames = _frames(content, path)
+    return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")), nats, frames)
+
+
+def _frames(content: Mapping[str, Any], path: Path) -> int | None:
+    """How many frames a gate or its baseline names. Raises ValueError where that is no whole number above 0."""
     frames = content.get("frames")
     if frames is not None and not (isinstance(frames, int) and not isinstance(frames, bool) and frames > 0):
         raise ValueError(f"gate: {path}: frames is {frames!r}; it must be a whole number above 0")
-    return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")), nats, frames)
+    return frames
 
 
 def _most_of(frames: int) -> int:
@@ -178,6 +183,7 @@ def _baseline(path: Path, name: Any) -> Mapping[str, Any]:
     content = read_json(file, by="gate")
     if not isinstance(content, dict) or not _is_verdict(content.get("effects"), content.get("gap", {})):
         raise ValueError(f"gate: {file} is no verdict.json; `jaxsim discover` writes one")
+    _frames(content, file)
     return content
 
 

@@ -90,8 +90,8 @@ def measures(image: PolarImage, road: Bool[np.ndarray, " rows"]) -> Float[np.nda
     valid = np.asarray(image.valid)
     log_intensity = np.log(np.maximum(np.asarray(image.intensity), RULES.watch_least))
     # The whole frame, then its rows, then its sectors: the order of `measure_names`.
-    parts = [valid, *valid, *np.array_split(valid, RULES.watch_sectors, axis=1)]
-    values = [log_intensity, *log_intensity, *np.array_split(log_intensity, RULES.watch_sectors, axis=1)]
+    parts = [valid, *valid, *_sectors(valid)]
+    values = [log_intensity, *log_intensity, *_sectors(log_intensity)]
     share = np.array([part.mean() for part in parts])
     level = np.array([v[part].mean() if part.any() else np.nan for v, part in zip(values, parts, strict=True)])
     for line in (share, level):
@@ -99,6 +99,11 @@ def measures(image: PolarImage, road: Bool[np.ndarray, " rows"]) -> Float[np.nda
             # A view: the median goes off the frame's own numbers.
             part -= np.nanmedian(part) if np.isfinite(part).any() else 0.0
     return np.concatenate([level, share, [_log_road(np.asarray(image.range_m)[road], valid[road])]])
+
+
+def _sectors(cells: np.ndarray) -> list[np.ndarray]:
+    """The parts of the columns (the last axis) that are watched; of a grid with fewer columns one part each."""
+    return np.array_split(cells, min(RULES.watch_sectors, cells.shape[-1]), axis=-1)
 
 
 def _log_road(range_m: Float[np.ndarray, "rows columns"], valid: Bool[np.ndarray, "rows columns"]) -> float:
@@ -112,7 +117,7 @@ def _log_road(range_m: Float[np.ndarray, "rows columns"], valid: Bool[np.ndarray
 def measure_names(grid: PolarGrid) -> list[tuple[str, str]]:
     """Name and channel of each number of `measures`."""
     degrees = np.rad2deg(np.asarray(grid.azimuth_rad))
-    edges = [(part[0], part[-1]) for part in np.array_split(degrees, RULES.watch_sectors)]
+    edges = [(part[0], part[-1]) for part in _sectors(degrees)]
     sectors = [f"sector {k} (from {left:.0f} to {right:.0f} degrees)" for k, (left, right) in enumerate(edges)]
     names = ["all", *(f"row {k}" for k in range(len(grid.elevation_rad))), *sectors]
     return [*((name, channel) for channel in ("intensity", "returns") for name in names), ("the road", "range")]

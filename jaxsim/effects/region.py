@@ -38,7 +38,8 @@ class Region:
     """Drives that nothing else tells apart: in frames that are simulated the effect does not act."""
 
     def __post_init__(self) -> None:
-        if self.azimuth_rad is None and self.time_s is None and self.tag is None and not self.scenes:
+        everywhen = self.time_s in (None, (None, None))  # open at both ends it divides nothing
+        if self.azimuth_rad is None and everywhen and self.tag is None and not self.scenes:
             raise ValueError("where: nothing is said; give azimuth_rad, time_s, tag or scenes, or leave `where` out")
         ends = [*(self.azimuth_rad or ()), *(one for one in self.time_s or () if one is not None)]
         if any(not abs(end) <= FOREVER_S for end in ends):

@@ -79,11 +79,12 @@ LEAST_LOSS = 0.01
 def losses(answer: Estimates, now: Mapping[str, float], *, rate: float) -> list[Setting]:
     """Drop-off and reach that lose as many rays at each distance as the answer, with an attenuation of `rate`.
 
-    CARLA loses every class alike: of `material_dropout` it takes the mean over classes. `snr_dropout` has CARLA's own
-    losses among its forms; of its other form, a threshold on the power, CARLA's echoes make one on distance: a cut, or
-    losses by intensity, whichever comes nearer over LOSS_RANGES_M (least squares).
+    CARLA loses every class alike: of `material_dropout` it takes the mean over classes that lose. `snr_dropout` has
+    CARLA's own losses among its forms; of its other form, a threshold on the power, CARLA's echoes make one on
+    distance: a cut, or losses by intensity, whichever comes nearer over LOSS_RANGES_M (least squares).
     """
-    of_classes = mean_by_certainty(answer.each("material_dropout", "probability"))
+    # A sensor.json has the neutral 0 for classes that no ray showed.
+    of_classes = mean_by_certainty([p for p in answer.each("material_dropout", "probability") if p.value])
     even = combined(
         answer.one("random_dropout", "probability"), of_classes, answer.levels.get("random_loss"), how=any_loss
     )

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import read_json
+from jaxsim.files import placed, read_json
 
 LOSSES = ("random_dropout", "random_loss", "snr_dropout", "material_dropout", "beam_dropout", "edge_dropout")
 """Effects, and the level, by which echoes are lost."""
@@ -132,19 +132,12 @@ class Engine(NamedTuple):
 def read_answer(path: Path) -> Estimates:
     """The answer of a sensor.json, with the intervals of the verdict.json beside it where both have the same values.
 
-    Raises ValueError where it is none, as `SensorModel.load`, and where the two are of other numbers of beams.
+    Raises ValueError where it is none, as `SensorModel.load`, where the verdict.json is none, and where the two are of
+    other numbers of beams.
     """
     model = SensorModel.load(path)
-    content: dict[str, Any] = {}
     verdict = path.with_name("verdict.json")
-    if verdict.is_file():
-        content = read_json(verdict, by="engines")
-        if not isinstance(content, dict) or not isinstance(content.get("effects", []), list):
-            raise ValueError(f"engines: {verdict} is not what `jaxsim discover` writes; move it away, or run it again")
-    intervals = {
-        one.get("name"): one.get("parameters", {}) for one in content.get("effects", []) if isinstance(one, dict)
-    }
-    missing = {one["name"]: one["missing"] for one in content.get("levels", []) if isinstance(one, dict)}
+    intervals, missing = _intervals(verdict) if verdict.is_file() else ({}, {})
     apart: list[str] = []
 
     def estimates(value: Any, interval: Any, what: str) -> tuple[Estimate, ...]:
@@ -165,6 +158,15 @@ def read_answer(path: Path) -> Estimates:
     }
     levels = {name: estimates(float(value), missing.get(name), name)[0] for name, value in model.levels.items()}
     return Estimates(effects, levels, len(model.learned), tuple(model.regions), tuple(apart))
+
+
+def _intervals(verdict: Path) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
+    """What a verdict.json says of each parameter, by effect, and of each level. Raises ValueError where it is none."""
+    content = read_json(verdict, by="engines")
+    wrong, mend = f"engines: {verdict} is not what `jaxsim discover` writes", "move it away, or run it again"
+    with placed(wrong, KeyError, TypeError, AttributeError, then=mend):
+        effects = {one["name"]: dict(one.get("parameters", {})) for one in content.get("effects", [])}
+        return effects, {one["name"]: one["missing"] for one in content.get("levels", [])}
 
 
 def _agree(values: Sequence[float], interval: Any, *, where: str, other: Path) -> bool:

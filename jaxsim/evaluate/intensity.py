@@ -109,9 +109,10 @@ def baseline_frames(baselines: Mapping[str, Baseline], pairs: Iterable[Pair]) ->
 
 
 def baseline_sums(
-    train: Iterable[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
+    train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
 ) -> dict[str, PairedSums]:
-    """What each baseline makes of each judged pair; with `trees` also boosted trees (`baselines`).
+    """What each baseline makes of each judged pair; with `trees` also boosted trees (`baselines`), each of which reads
+    the training pairs anew, one at a time.
 
     `previous` holds the frame before each, None where there is none: the previous frame's are of those that have one.
     """

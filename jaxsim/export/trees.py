@@ -34,7 +34,7 @@ from jaxsim.export.plan import UNSAID, LabelRules, TreePlan
 from jaxsim.files import stamp_of, tell_anew
 from jaxsim.frame import Boxes, Frame
 from jaxsim.prefetch import prefetch
-from jaxsim.progress import Progress, counted
+from jaxsim.progress import Progress, check_all_done, counted
 from jaxsim.simulate.frames import begin_of
 
 _log = logging.getLogger(__name__)
@@ -70,7 +70,10 @@ class TreeMaker:
     dataset: Dataset
 
     def __call__(self, todo: Todo) -> MadeFrame:
-        frame = self.dataset[todo.position]
+        return self.write(todo, self.dataset[todo.position])
+
+    def write(self, todo: Todo, frame: Frame) -> MadeFrame:
+        """Writes a frame into the trees that lack it."""
         write = partial(_write_frame, self.dataset, todo, frame=frame)
         return MadeFrame(todo.position, {tree: write(self.plans[tree]) for tree in todo.trees})
 
@@ -87,7 +90,7 @@ def export_trees(
     TreeMaker of the same plans, and gives what became of each as it is done. Frames that are there are not made again,
     unless they are cut off or their files have changed since.
     Prints what was written. Raises ValueError, before anything is written, for recipes and labels that cannot be and
-    for folders of other trees.
+    for folders of other trees, and, once the others are made, for frames that cannot be read.
     """
     records = [_begin(plan, dataset) for plan in plans]
     everything = sorted({position for plan in plans for position in plan.positions})
@@ -107,10 +110,12 @@ def export_trees(
 
     save()  # before the first frame, so that whatever a killed command leaves behind is known to be its own
 
+    failures: list[str] = []
+    make = spread or partial(_in_threads, TreeMaker(plans, dataset), workers=workers, failures=failures)
     total = len(everything)
     with Progress(total=total, initial=total - len(missing), unit="frame", desc="exporting") as bar:
         try:
-            for made in spread(todo) if spread else _in_threads(TreeMaker(plans, dataset), todo, workers):
+            for made in make(todo):
                 for tree, entry in made.entries.items():
                     source = {"source": sources[made.position]} if sources[made.position] else {}
                     records[tree].frames[_number(made.position)] = entry | source
@@ -119,6 +124,7 @@ def export_trees(
                     save()
         finally:
             save()
+    check_all_done(failures, len(todo), by="export")
     for plan, record in zip(plans, records, strict=True):
         _finish(plan, record)
 
@@ -136,10 +142,20 @@ def _missing(plan: TreePlan, record: TreeRecord, sources: Mapping[int, str]) -> 
     return [position for position in plan.positions if position not in there or _number(position) in anew]
 
 
-def _in_threads(maker: TreeMaker, todo: Sequence[Todo], workers: int) -> Iterator[MadeFrame]:
-    """What became of each frame, made in threads: files and kernels leave Python's lock."""
+def _in_threads(maker: TreeMaker, todo: Sequence[Todo], *, workers: int, failures: list[str]) -> Iterator[MadeFrame]:
+    """What became of each frame, made in threads: files and kernels leave Python's lock. Frames that cannot be read are
+    left out, and told to `failures`."""
+
+    def make(one: Todo) -> MadeFrame | None:
+        try:
+            frame = maker.dataset[one.position]
+        except (ValueError, OSError) as error:
+            failures.append(str(error))
+            return None
+        return maker.write(one, frame)
+
     with ThreadPoolExecutor(workers) as pool:
-        yield from prefetch(pool, maker, todo, ahead=workers)
+        yield from (made for made in prefetch(pool, make, todo, ahead=workers) if made)
 
 
 def _begin(plan: TreePlan, dataset: Dataset) -> TreeRecord:

@@ -38,9 +38,9 @@ def check_shapes(view: CameraFrame, where: str) -> None:
         check_array(getattr(view, name), f"{where}: {name}")
     rgb = np.shape(view.rgb)
     if len(rgb) < 3 or rgb[-1] != 3:
-        raise ValueError(f"{where}: rgb is {_times(rgb)}; {_mend_image(rgb)}")
+        raise ValueError(f"{where}: rgb is {rgb}; {_mend_image(rgb)}")
     if 0 in rgb:
-        raise ValueError(f"{where}: rgb is {_times(rgb)}, without a pixel; give one view or more")
+        raise ValueError(f"{where}: rgb is {rgb}, without a pixel; give one view or more")
     kind = _kind(view.rgb)
     if kind != np.uint8:
         raise ValueError(
@@ -54,7 +54,7 @@ def check_shapes(view: CameraFrame, where: str) -> None:
             continue
         shape = np.shape(raster)
         if shape != size:
-            raise ValueError(f"{where}: {name} is {_times(shape)}, rgb {_times(rgb)}; {_mend(name, shape, size)}")
+            raise ValueError(f"{where}: {name} is {shape}, rgb {rgb}; {_mend(name, shape, size)}")
         kind, (kinds, wanted) = _kind(raster), _KINDS[name]
         # Eight bits of depth are a picture of it.
         if kind.kind not in kinds or (name == "depth_m" and kind == np.uint8):
@@ -186,7 +186,7 @@ def _mend_image(shape: tuple[int, ...]) -> str:
 
 
 def _mend(name: str, shape: tuple[int, ...], size: tuple[int, ...]) -> str:
-    right = f"it must be {_times(size)}"
+    right = f"it must be {size}"
     if shape == (*size, 1):
         return f"{right}: squeeze it, {name}[..., 0]"
     if shape[:-1] == size and name == "semantic":
@@ -201,10 +201,6 @@ def _mend(name: str, shape: tuple[int, ...], size: tuple[int, ...]) -> str:
 def _kind(raster: Any) -> np.dtype:
     """Its type, also of JAX's arrays and of lists."""
     return np.dtype(raster.dtype if hasattr(raster, "dtype") else np.asarray(raster).dtype)
-
-
-def _times(shape: tuple[int, ...]) -> str:
-    return f"({', '.join(map(str, shape))})"
 
 
 def all_within(values: np.ndarray, low: int | float, high: int | float) -> bool:

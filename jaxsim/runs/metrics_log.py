@@ -3,7 +3,9 @@ where metrics go besides: trackers, by entry points of the group `jaxsim.metrics
 
 JAXSIM_METRICS_LOG names the trackers of a run (`wandb`, `mlflow`, or those of installed packages), separated by commas.
 Nothing is sent anywhere unless it is set. An entry point is a function of a run's folder and of the step that the run
-begins after; it returns a function of a step and its values, which is called with every line of metrics.jsonl.
+begins after; it returns a function of a step and its values, which is called with every line of metrics.jsonl. If that
+has a `close` (as a `Tracker` has), it is called once the training ends: `close(failed=...)`, true where an error or an
+interrupt ended it.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 from uuid import uuid4
 
 import numpy as np
@@ -29,6 +31,18 @@ GROUP = "jaxsim.metrics_log"
 ASKED = "JAXSIM_METRICS_LOG"
 Track = Callable[[int, Mapping[str, float]], None]
 """Takes a step and its values."""
+
+
+class Tracker(NamedTuple):
+    """A function of a step and its values that has an end."""
+
+    track: Track
+    close: Callable[..., object]
+    """Of `failed`, by name."""
+
+    def __call__(self, step: int, values: Mapping[str, float]) -> None:
+        self.track(step, values)
+
 
 _log = logging.getLogger(__name__)
 
@@ -74,7 +88,8 @@ class TrainingDiverged(ValueError):
 class MetricsLog:
     """Writes the metrics of one run; lines after `start` are taken out first, for a resumed run writes them again.
 
-    With `writes=False` it touches no file: of several processes only the first does.
+    With `writes=False` it touches no file: of several processes only the first does. As a context it ends what it has
+    begun, TensorBoard's file and the trackers' runs.
     """
 
     def __init__(self, folder: Path, start: int, *, writes: bool = True):
@@ -83,6 +98,7 @@ class MetricsLog:
         self.writes = writes
         self._board: Any = None
         self._trackers: dict[str, Track] = {}
+        self._ends: dict[str, Callable[..., object]] = {}
         if not writes:
             return
         lines = [line for line in read_metrics(self.path) if line["step"] <= start]
@@ -93,6 +109,23 @@ class MetricsLog:
 
             self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=start + 1)
         self._trackers = trackers(folder, start)
+        # Also of those that fail meanwhile and get no more.
+        self._ends = {name: track.close for name, track in self._trackers.items() if hasattr(track, "close")}
+
+    def __enter__(self) -> MetricsLog:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._board is not None:
+            self._board.close()
+        for name, close in self._ends.items():
+            try:
+                close(failed=kind is not None)
+            except Exception as error:  # nor must it hide the error that ended a training
+                _log.warning(
+                    "run: the tracker %s did not end its run (%s: %s); metrics.jsonl has all of it",
+                    *(name, type(error).__name__, error),
+                )
 
     def write(self, step: int, values: Mapping[str, float]) -> None:
         """Adds a line to metrics.jsonl, and points to TensorBoard and trackers (`jaxsim.runs.metrics_log`)."""
@@ -158,17 +191,19 @@ def trackers(folder: Path, start: int) -> dict[str, Track]:
     return made
 
 
-def wandb(folder: Path, start: int) -> Track:
+def wandb(folder: Path, start: int) -> Tracker:
     """Weights & Biases: one run a folder, resumed with it; WANDB_PROJECT and the like set the rest."""
     client, kept = _client("wandb"), folder / "wandb.id"
     # Not the folder's name, which others of the project may have, and one before that was deleted.
     if not kept.is_file():
         write_text(kept, uuid4().hex)
     run = client.init(dir=str(folder), id=read_text(kept, by="run"), name=folder.name, resume="allow")
-    return lambda step, values: run.log(dict(values), step=step)
+    return Tracker(
+        lambda step, values: run.log(dict(values), step=step), lambda failed: run.finish(exit_code=int(failed))
+    )
 
 
-def mlflow(folder: Path, start: int) -> Track:
+def mlflow(folder: Path, start: int) -> Tracker:
     """MLflow: one run a folder, resumed with it; MLFLOW_TRACKING_URI and the like set the rest."""
     client, kept = _client("mlflow"), folder / "mlflow.id"
     if kept.is_file():
@@ -176,7 +211,10 @@ def mlflow(folder: Path, start: int) -> Track:
     else:
         write_text(kept, client.start_run(run_name=folder.name).info.run_id)
     # MLflow's names hold letters, digits, _ - . / and spaces alone.
-    return lambda step, values: client.log_metrics({name.replace("@", "_at_"): v for name, v in values.items()}, step)
+    return Tracker(
+        lambda step, values: client.log_metrics({name.replace("@", "_at_"): v for name, v in values.items()}, step),
+        lambda failed: client.end_run("FAILED" if failed else "FINISHED"),
+    )
 
 
 def _client(name: str) -> Any:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import logging
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.metadata import version
 from operator import attrgetter
 from pathlib import Path
@@ -255,18 +255,29 @@ class Checkpoints:
 def _told_once() -> Iterator[None]:
     """Keeps Orbax and tensorstore from printing tracebacks where saving or reading fails: the error comes anyway.
 
-    Orbax logs one of each of its threads; tensorstore tells the loop, which is closed by then, of each array that it
-    had still in hand, and asyncio of each that nobody asks for: both also after the block.
+    In the block Orbax logs one of each of its threads, and asyncio one of each that nobody asks for. Tensorstore tells
+    the loop, which is closed by then, of each array that it had still in hand, also after the block: where the block
+    fails these words of a closed loop, and no others, stay unheard.
     """
-    loggers, ignored = [logging.getLogger(name) for name in ("absl", "asyncio")], sys.unraisablehook
+    loggers, heard = [logging.getLogger(name) for name in ("absl", "asyncio")], sys.unraisablehook
     before = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL)
-    sys.unraisablehook = lambda lost: None if str(lost.exc_value) == _LOOP_CLOSED else ignored(lost)
-    yield
-    sys.unraisablehook = ignored
-    for logger, level in zip(loggers, before, strict=True):
-        logger.setLevel(level)
+    # Once: where an earlier block has failed it is there.
+    if not (isinstance(heard, partial) and heard.func is _unless_loop_closed):
+        sys.unraisablehook = partial(_unless_loop_closed, heard)
+    try:
+        yield
+        sys.unraisablehook = heard
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+def _unless_loop_closed(heard: Callable[[Any], object], lost: Any) -> None:
+    """Hands what nobody can catch to `heard`, but for tensorstore's words to a closed loop."""
+    if str(lost.exc_value) != _LOOP_CLOSED:
+        heard(lost)
 
 
 def _digest(tree: Any) -> str:

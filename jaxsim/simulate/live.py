@@ -66,8 +66,7 @@ class Live:
         shape = view.rgb.shape[:-1]
         if shape != self.shape:
             raise ValueError(
-                f"live: the view is {_times(shape)}; it was attached to {_times(self.shape)}: attach again for another "
-                "size or batch"
+                f"live: the view is {shape}; it was attached to {self.shape}: attach again for another size or batch"
             )
         if on_host(view):
             check_rasters(view, "live", may_be_empty=True)
@@ -180,7 +179,7 @@ def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generat
     weights, window = jax.device_put((params, (grid, row_share)))
     call = lambda seen: cloud_of(weights, with_cameras(seen), window)  # noqa: E731
     latency = _latency(lambda: call(crop_image(view, prepare.image_crop)))
-    log.info("live: %s views, %.0f ms a call", _times(view.rgb.shape[:-1]), 1000 * latency)
+    log.info("live: views of %s, %.0f ms a call", view.rgb.shape[:-1], 1000 * latency)
     check = lambda seen: check_view(seen, prepare)  # noqa: E731
     return Live(call, view.rgb.shape[:-1], prepare.image_crop, check, latency)
 
@@ -228,10 +227,6 @@ def with_cameras(view: CameraFrame) -> CameraFrame:
     *batch, _, _, _ = view.rgb.shape
     spread = lambda leaf: np.broadcast_to(leaf, (*batch, *leaf.shape[-2:]))  # noqa: E731
     return replace(view, camera=jax.tree.map(spread, view.camera))
-
-
-def _times(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape))
 
 
 def _latency(call: Callable[[], Cloud]) -> float:

@@ -69,31 +69,32 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     begun = time.monotonic()
     scores = {}
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
-    bar = Progress(total=training.steps, initial=start, disable=not writes, **shown)
-    step_log = StepLog(run.log, bar, every=settings.log_every)
-    if start and training.due(start, training.judge_every) and writes and not run.log.validated(start):
-        scores = run.judge(state, start)  # killed after it saved this step, before it judged it
-    try:
-        for k, batch in enumerate(training.batches(start, training.steps), start):
-            # A step gives the memory of the old state to the new one: between them there is none to save.
-            with uninterrupted():
-                updated, metrics = training.step(state, batch, k)
-                if not bool(metrics["finite"]):
-                    run.log.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
-                state, step = updated, k + 1
-                step_log.add(step, metrics, last=step == training.steps)
-                # Saved before it is judged: judging may take long, and may fail.
-                if training.due(step, training.save_every):
-                    run.save(state, step)
-            if training.due(step, training.judge_every):
-                scores = run.judge(state, step)
-    except KeyboardInterrupt as stop:
+    with run.log:
+        bar = Progress(total=training.steps, initial=start, disable=not writes, **shown)
+        step_log = StepLog(run.log, bar, every=settings.log_every)
+        if start and training.due(start, training.judge_every) and writes and not run.log.validated(start):
+            scores = run.judge(state, start)  # killed after it saved this step, before it judged it
+        try:
+            for k, batch in enumerate(training.batches(start, training.steps), start):
+                # A step gives the memory of the old state to the new one: between them there is none to save.
+                with uninterrupted():
+                    updated, metrics = training.step(state, batch, k)
+                    if not bool(metrics["finite"]):
+                        run.log.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
+                    state, step = updated, k + 1
+                    step_log.add(step, metrics, last=step == training.steps)
+                    # Saved before it is judged: judging may take long, and may fail.
+                    if training.due(step, training.save_every):
+                        run.save(state, step)
+                if training.due(step, training.judge_every):
+                    scores = run.judge(state, step)
+        except KeyboardInterrupt as stop:
+            bar.close()
+            with uninterrupted():  # half a checkpoint would stand in the way of the next one of its step
+                run.save(state, step)
+            lost = f"; {words}" if (words := step_log.left_out.words()) else ""
+            raise type(stop)(f"stopped after step {step}, saved in {folder}; the same command resumes{lost}") from None
         bar.close()
-        with uninterrupted():  # half a checkpoint would stand in the way of the next one of its step
-            run.save(state, step)
-        lost = f"; {words}" if (words := step_log.left_out.words()) else ""
-        raise type(stop)(f"stopped after step {step}, saved in {folder}; the same command resumes{lost}") from None
-    bar.close()
 
     # Card: what the run is and what it scored.
     if writes:

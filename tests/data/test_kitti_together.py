@@ -103,6 +103,7 @@ def test_names_that_two_parts_have_are_left_out(odometry_root, object_root):
     assert "training" not in dataset.splits  # of which of the two?
     assert select("sequence_08", dataset) == [3]
     assert dataset[3].name == "sequence_08-000000"
+    assert dataset[-1].name == dataset.name_of(-1) == dataset[4].name
     with pytest.raises(IndexError, match="no frame 5; the data set has 0 to 4"):
         dataset[5]
 

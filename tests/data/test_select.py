@@ -15,7 +15,7 @@ def test_ranges_and_single_numbers_keep_their_order():
 
 
 def test_a_frame_is_given_by_a_whole_number_within_the_ends():
-    assert [frame_number(index, "kitti", 6) for index in (0, 5, np.int64(3), -1)] == [0, 5, 3, -1]
+    assert [frame_number(index, "kitti", 6) for index in (0, 5, np.int64(3), -1, -6)] == [0, 5, 3, 5, 0]
     for index, told in ((1.0, "1.0"), ("3", "'3'"), (slice(0, 2), r"slice\(0, 2, None\)")):
         with pytest.raises(TypeError, match=f"kitti: a frame is given by its number, 0 to 5, not by {told}; for"):
             frame_number(index, "kitti", 6)

@@ -60,6 +60,8 @@ def test_the_frames_themselves_come_first_as_they_are(dataset):
     assert len(turned) == 4 * len(dataset)
     assert turned.sides([0, 7]) == [k * len(dataset) + i for k in (1, 2, 3) for i in (0, 7)]
     assert turned.name_of(5) == dataset.name_of(5) == turned[5].name
+    last = turned[-1]
+    assert last.name == turned.name_of(-1) == turned[len(turned) - 1].name == f"{dataset.name_of(-1)}-turned-270"
     with pytest.raises(IndexError, match="no frame"):
         turned[len(turned)]
 

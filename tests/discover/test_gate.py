@@ -106,6 +106,17 @@ def test_a_baseline_allows_what_was_so_before(tmp_path):
     assert colour_of(check_verdict(gate(tmp_path, baseline="verdict.json"), verdict)) == "gap"
 
 
+@pytest.mark.parametrize("frames", ["17", 16.5, True, 0, [17]])
+def test_a_baseline_of_no_number_of_frames_is_refused(tmp_path, frames):
+    """It asked for none."""
+    results.named().verdict.save(tmp_path)
+    content = json.loads((tmp_path / "verdict.json").read_text())
+    assert gate(tmp_path, baseline="verdict.json").fewest_frames > 0
+    (tmp_path / "verdict.json").write_text(json.dumps(content | {"frames": frames}))
+    with pytest.raises(ValueError, match=r"verdict\.json: frames is .*; it must be a whole number above 0"):
+        gate(tmp_path, baseline="verdict.json")
+
+
 def test_what_has_no_name_is_a_gap_unless_allowed(tmp_path):
     verdict = unseen(results.not_in_catalogue().verdict, nats=3.0)
     assert colour_of(check_verdict(gate(tmp_path, allowed=[]), verdict)) == "gap"

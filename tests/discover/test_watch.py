@@ -5,7 +5,7 @@ import pytest
 
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.watch import changes, measure_names, measures, watch_days
-from jaxsim.frame import PolarImage
+from jaxsim.frame import PolarGrid, PolarImage
 from tests.discover.made_watch import GRID, day, drives, dying_beam
 
 ROWS, COLUMNS, SCENES = 8, 96, 10
@@ -56,6 +56,15 @@ def test_beams_that_are_dead_where_every_ray_returns_are_found(dead):
     assert rows == {(f"row {row}", "returns"): -1.0 for row in dead}
     # The dead rows come first: they are stronger than what they do to the whole frame.
     assert [one.what for one in found[: len(dead)]] == [f"row {row}" for row in dead]
+
+
+def test_a_grid_of_few_columns_has_as_many_sectors():
+    few = RULES.watch_sectors - 5
+    names = measure_names(PolarGrid(GRID.azimuth_rad[:few], GRID.elevation_rad, GRID.origin_m))
+    seen = np.ones((ROWS, few), bool)
+    asked = measures(PolarImage(np.full(seen.shape, 20, "f4"), np.full(seen.shape, 0.3, "f4"), seen), ROAD)
+    assert len(names) == len(asked) == 2 * (1 + ROWS + few) + 1
+    assert np.isfinite(asked).all()
 
 
 @pytest.mark.parametrize("unit", [1 / 3.28, 0.97])

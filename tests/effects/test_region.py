@@ -82,6 +82,7 @@ def test_sensor_json_keeps_where(tmp_path):
     ("where", "words"),
     [
         ({}, "nothing is said"),
+        ({"time_s": [None, None]}, "nothing is said"),
         ({"azimuth_rad": [1.0, 0.5]}, "counter-clockwise"),
         ({"time_s": [40, 30]}, "must end after it begins"),
         ({"night": True}, "it may hold azimuth_rad, time_s, tag, scenes"),

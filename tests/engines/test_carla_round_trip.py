@@ -127,3 +127,10 @@ def test_losses_by_class_become_their_mean(tmp_path):
     (tmp_path / "verdict.json").write_text(json.dumps(verdict))
     written = told(tmp_path / "sensor.json", (("material_dropout", {"probability": tuple(per_class)}),))
     assert written == {"dropoff_general_rate": pytest.approx(0.3)}
+
+
+def test_without_a_verdict_classes_that_lose_nothing_thin_out_no_mean(tmp_path):
+    per_class = [0.0] * 34
+    per_class[26] = 0.4
+    written = told(tmp_path / "sensor.json", (("material_dropout", {"probability": tuple(per_class)}),))
+    assert written == {"dropoff_general_rate": pytest.approx(0.4)}

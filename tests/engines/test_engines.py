@@ -145,3 +145,21 @@ def test_intervals_of_another_answer_are_not_taken(answer):
     (answer.parent / "verdict.json").write_text(json.dumps(verdict))
     with pytest.raises(ValueError, match=r"beam_range_bias\.bias_m has 2 numbers, but .*json 64: one .* was cut"):
         read_answer(answer)
+
+
+@pytest.mark.parametrize(
+    ("content", "wrong"),
+    [
+        ([], "of another kind"),
+        ({"levels": None}, "of another kind"),
+        ({"levels": [{"name": "range_noise"}]}, "lacks 'missing'"),
+        ({"levels": [3]}, "of another kind"),
+        ({"effects": {"beam_gain": {}}}, "of another kind"),
+        ({"effects": [{"name": "beam_range_bias", "parameters": None}]}, "of another kind"),
+        ({"effects": [{"parameters": {}}]}, "lacks 'name'"),
+    ],
+)
+def test_a_verdict_that_is_none_is_refused_in_a_line(answer, content, wrong):
+    (answer.parent / "verdict.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=rf"verdict\.json is not what .* writes: .*{wrong}; move it away, or run it"):
+        read_answer(answer)

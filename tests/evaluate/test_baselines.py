@@ -5,6 +5,8 @@ import weakref
 import jax
 import numpy as np
 import pytest
+from beartype.roar import BeartypeCallHintParamViolation
+from jaxtyping import TypeCheckError
 
 from jaxsim.evaluate.baselines import fit_baselines, fit_trees, previous_frame
 from jaxsim.evaluate.intensity import baseline_sums
@@ -68,6 +70,12 @@ def test_a_line_is_told_by_its_place_in_the_sensor_wherever_a_window_begins():
     for kind in ("mean", "median"):
         of_line, of_all = of_whole[f"per-row {kind}"], of_whole[f"global {kind}"]
         np.testing.assert_array_equal(of_line(stranger).intensity, of_all(stranger).intensity)
+
+
+def test_pairs_that_can_be_read_once_alone_are_refused():
+    """Trees would be fitted to none of them, after the tables had read all."""
+    with pytest.raises((TypeCheckError, BeartypeCallHintParamViolation)):
+        baseline_sums((pair for pair in TRAIN), JUDGED, [None] * len(JUDGED))
 
 
 def test_training_pairs_are_read_once_and_one_at_a_time():

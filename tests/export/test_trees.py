@@ -147,6 +147,25 @@ def test_an_error_in_one_frame_keeps_the_record_of_the_others(tmp_path, six):
     assert 0 not in six.made
 
 
+def test_frames_that_cannot_be_read_are_told_once_the_others_are_written(tmp_path, six, monkeypatch):
+    plain = Six.__getitem__
+
+    def read(self, index):
+        if index in (0, 3):
+            raise (ValueError, OSError)[index % 2](f"six-{index} is cut off")
+        return plain(self, index)
+
+    monkeypatch.setattr(Six, "__getitem__", read)
+    with pytest.raises(ValueError, match=r"export: 2 of 6 pieces .* others are done; .*six-0 is cut off; six-3 is cut"):
+        Export(out=tmp_path, frames="0-5", workers=1)()
+    assert sorted(json.loads((tmp_path / "export.json").read_text())["frames"]) == [f"{k:06d}" for k in (1, 2, 4, 5)]
+    monkeypatch.setattr(Six, "__getitem__", plain)
+    six.made.clear()
+    Export(out=tmp_path, frames="0-5")()
+    assert sorted(six.made) == [0, 3]
+    assert listed(tmp_path, "trainval") == ["000000", "000003", "000004", "000005"]
+
+
 @pytest.mark.parametrize(("keep", "numbers"), [(False, []), (True, ["000001"])])
 def test_frames_without_objects_stay_where_they_are_asked_for(tmp_path, six, keep, numbers):
     Export(out=tmp_path, frames="0-1", keep_empty=keep)()

@@ -1,9 +1,12 @@
 """A checkpoint is what was saved, or it is refused."""
 
 import gc
+import logging
 import re
 import shutil
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -119,6 +122,23 @@ def test_orbaxs_own_json_that_is_too_deep_names_the_folder(tmp_path):
     (saved(tmp_path).parent / "_CHECKPOINT_METADATA").write_text("[" * 100_000)
     with pytest.raises(ValueError, match=f"run: .*{tmp_path}.* damaged"):
         restored(tmp_path)
+
+
+def test_a_restore_that_fails_leaves_the_process_as_it_was_but_for_words_of_a_closed_loop(tmp_path, monkeypatch):
+    heard = []
+    monkeypatch.setattr(sys, "unraisablehook", heard.append)
+    absl = logging.getLogger("absl")
+    before = absl.level
+    saved(tmp_path)
+    for _ in range(2):
+        with pytest.raises(ValueError, match="of another network"):
+            Checkpoints(tmp_path).restore("state", TREE | {"more": np.float32(1)})
+        assert absl.level == before
+    # Tensorstore may tell the loop of an array for a while; what else is lost is heard, once.
+    for words in ("Event loop is closed", "another"):
+        sys.unraisablehook(SimpleNamespace(exc_value=RuntimeError(words)))
+    assert [str(lost.exc_value) for lost in heard] == ["another"]
+    assert sys.unraisablehook.args == (heard.append,)
 
 
 def test_a_disk_without_room_is_one_line_and_the_step_can_be_saved_later(tmp_path, capfd):

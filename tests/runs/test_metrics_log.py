@@ -20,9 +20,8 @@ def test_tensorboard_gets_the_same_points(tmp_path):
     pytest.importorskip("tensorboardX", reason="tensorboardX is not installed")
     from tensorboardX.proto.event_pb2 import Event
 
-    log = MetricsLog(tmp_path, 0)
-    log.write(10, {"loss/gan": 0.25})
-    log._board.close()
+    with MetricsLog(tmp_path, 0) as log:
+        log.write(10, {"loss/gan": 0.25})
     (path,) = (tmp_path / "tensorboard").glob("events.*")
     content, points = path.read_bytes(), {}
     while content:  # records: length (8 bytes), checksum (4), event, checksum (4)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import sys
+from contextlib import nullcontext
+from importlib.machinery import ModuleSpec
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -11,7 +13,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 from jaxsim.runs import metrics_log
-from jaxsim.runs.metrics_log import MetricsLog
+from jaxsim.runs.metrics_log import MetricsLog, Tracker
 
 
 @pytest.fixture
@@ -67,6 +69,37 @@ def test_one_that_fails_is_told_once_and_does_not_end_a_training(module, monkeyp
     assert len((tmp_path / "metrics.jsonl").read_text().splitlines()) == 3
 
 
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt, ValueError])
+def test_runs_are_ended_with_the_training_and_one_that_does_not_end_hides_no_error(
+    module, monkeypatch, tmp_path, caplog, error
+):
+    ends = []
+
+    def ended(failed):
+        ends.append(failed)
+        raise OSError("no network")
+
+    monkeypatch.setattr(module, "good", lambda folder, start: Tracker(module.seen.append, ended))
+    monkeypatch.setenv(metrics_log.ASKED, "good,broken")
+    monkeypatch.setattr(logging.getLogger("jaxsim"), "propagate", True)
+    with pytest.raises(error) if error else nullcontext(), MetricsLog(tmp_path, 0):
+        if error:
+            raise error
+    assert ends == [error is not None]
+    assert "run: the tracker good did not end its run (OSError: no network)" in caplog.text
+
+
+def test_tensorboards_file_is_closed(monkeypatch, tmp_path):
+    closed = []
+    board = ModuleType("tensorboardX")
+    board.__spec__ = ModuleSpec("tensorboardX", None)
+    board.SummaryWriter = lambda *about, **more: SimpleNamespace(close=lambda: closed.append(1))
+    monkeypatch.setitem(sys.modules, "tensorboardX", board)
+    with MetricsLog(tmp_path, 0):
+        assert not closed
+    assert closed
+
+
 @pytest.mark.parametrize(("name", "message"), [("wnadb", "no tracker; known ones are absent"), ("absent", "not start")])
 def test_one_that_is_not_there_stops_the_run_before_it_begins(module, monkeypatch, tmp_path, name, message):
     monkeypatch.setenv(metrics_log.ASKED, name)
@@ -76,29 +109,36 @@ def test_one_that_is_not_there_stops_the_run_before_it_begins(module, monkeypatc
 
 def test_weights_and_biases_has_a_run_of_its_own_for_each_folder_also_of_one_name(monkeypatch, tmp_path):
     told = []
-    run = SimpleNamespace(log=lambda values, step: told.append((values, step)))
+    ends = []
+    run = SimpleNamespace(
+        log=lambda values, step: told.append((values, step)), finish=lambda exit_code: ends.append(exit_code)
+    )
     monkeypatch.setitem(sys.modules, "wandb", SimpleNamespace(init=lambda **how: told.append(how) or run))
     first, other = tmp_path / "one" / "demo", tmp_path / "two" / "demo"
     metrics_log.wandb(first, 0)(3, {"loss": 1.0})
     assert told[1:] == [({"loss": 1.0}, 3)]
     assert told[0] == {"dir": str(first), "id": told[0]["id"], "name": "demo", "resume": "allow"}
     metrics_log.wandb(first, 3)
-    metrics_log.wandb(other, 0)
+    metrics_log.wandb(other, 0).close(failed=True)
+    assert ends == [1]
     assert told[2]["id"] == told[0]["id"] != told[3]["id"]
 
 
 def test_mlflow_goes_on_with_the_run_of_a_folder(monkeypatch, tmp_path):
-    asked, points = [], []
+    asked, points, ends = [], [], []
     begun = SimpleNamespace(info=SimpleNamespace(run_id="0a1b"))
     client = SimpleNamespace(
         start_run=lambda **how: asked.append(how) or begun,
         log_metrics=lambda values, step: points.append((values, step)),
+        end_run=ends.append,
     )
     monkeypatch.setitem(sys.modules, "mlflow", client)
     metrics_log.mlflow(tmp_path, 0)(3, {"ap@0.7": 1.0})
     assert points == [({"ap_at_0.7": 1.0}, 3)]
-    metrics_log.mlflow(tmp_path, 3)
-    assert asked == [{"run_name": tmp_path.name}, {"run_id": "0a1b"}]
+    for failed in (True, False):
+        metrics_log.mlflow(tmp_path, 3).close(failed=failed)
+    assert ends == ["FAILED", "FINISHED"]
+    assert asked == [{"run_name": tmp_path.name}, *[{"run_id": "0a1b"}] * 2]
 
 
 def test_a_client_that_is_missing_is_named(monkeypatch, tmp_path):

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import signal
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +17,7 @@ from jaxsim.interrupts import terminable
 from jaxsim.metrics import Score
 from jaxsim.runs.frames import RunFrames, read_frames, write_frames
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.metrics_log import TrainingDiverged
+from jaxsim.runs.metrics_log import Tracker, TrainingDiverged
 from jaxsim.runs.run import Checkpoints
 from jaxsim.train import train
 from jaxsim.train.loop import training_of
@@ -128,6 +129,16 @@ def test_a_stopped_run_ends_with_the_lines_of_an_unstopped_one(tmp_path, monkeyp
         Adding(tmp_path / "stopped", **at).run(monkeypatch)
     assert Adding(tmp_path / "stopped").run(monkeypatch) == whole
     assert Adding(tmp_path / "stopped").run(monkeypatch) == whole  # all is done: nothing is written twice
+
+
+@pytest.mark.parametrize("at", [{}, {"interrupt": 4}, {"diverge": 2}, {"fail": 3}])
+def test_trackers_are_told_of_the_end(tmp_path, monkeypatch, at):
+    ends = []
+    tracker = Tracker(lambda step, values: None, lambda failed: ends.append(failed))
+    monkeypatch.setattr("jaxsim.runs.metrics_log.trackers", lambda folder, start: {"own": tracker})
+    with pytest.raises((KeyboardInterrupt, RuntimeError, TrainingDiverged)) if at else nullcontext():
+        Adding(tmp_path / "run", **at).run(monkeypatch)
+    assert ends == [bool(at)]
 
 
 def test_a_run_of_no_steps_or_of_fewer_than_are_done_is_refused(tmp_path, monkeypatch):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import lzma
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from os import SEEK_CUR, fstat
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,6 +21,7 @@ _MCAP_MAGIC = b"\x89MCAP0\r\n"
 _LARGEST_MESSAGE = 2**29
 _ONE_BEAM_RAD = 1e-5
 _LIGHT_M_S = 299_792_458.0
+_log = logging.getLogger(__name__)
 
 
 def points_of_message(message: Any, *, where: str) -> dict[str, np.ndarray]:
@@ -165,9 +167,11 @@ def _bag_messages(path: Path, options: LogOptions) -> Iterator[Any]:
 
 
 def osi_items(path: Path, options: LogOptions) -> Iterator[Item]:
-    """The LiDAR's frames of an OSI trace (.osi, .mcap): reflections of a SensorView, or detections of a SensorData."""
+    """The LiDAR's frames of an OSI trace (.osi, .mcap): reflections of a SensorView, or detections of a SensorData.
+    Warns where a message holds several LiDARs, of which the first is read."""
     trace_type = need("osi3trace.osi_trace", "osi", by="osi").OSITrace
     stem, number = path.stem, 0
+    several = False
     with reading("osi", path, "it is cut off, or not a trace of SensorView or SensorData messages"):
         kind, topic = _osi_kind(path, options)
         if path.suffix != ".mcap":
@@ -175,8 +179,15 @@ def osi_items(path: Path, options: LogOptions) -> Iterator[Item]:
         trace = trace_type(str(path), kind, topic=topic)
         try:
             for message in trace:
-                scan = _osi_scan(message, kind, options, name=f"{stem}-{number:06d}", scene=stem)
-                yield Item.of(scan)
+                name = f"{stem}-{number:06d}"
+                lidars = _osi_lidars(message, kind, name=name)
+                if len(lidars) > 1 and not several:
+                    several = True
+                    _log.warning(
+                        f"osi: {name} holds {len(lidars)} LiDARs, and the first alone is read, here and in what "
+                        "follows; write a trace of each of the others, and read that into a folder of its own"
+                    )
+                yield Item.of(_osi_scan(message, lidars[0], options, name=name, scene=stem))
                 number += 1
         finally:
             trace.close()
@@ -212,16 +223,23 @@ def _osi_kind(path: Path, options: LogOptions) -> tuple[str, str | None]:
     return topics[topic], topic
 
 
-def _osi_scan(message: Any, kind: str, options: LogOptions, *, name: str, scene: str) -> LogScan:
-    time_s = message.timestamp.seconds + message.timestamp.nanos * 1e-9
+def _osi_lidars(message: Any, kind: str, *, name: str) -> Sequence[Any]:
+    """The LiDARs of a message. Raises ValueError where it has none."""
     if kind == "SensorView":
-        if not len(message.lidar_sensor_view):
-            raise ValueError(f"osi: {name} is a SensorView without lidar_sensor_view")
-        return _osi_reflections(message.lidar_sensor_view[0], name=name, scene=scene, time_s=time_s)
-    sensors = message.feature_data.lidar_sensor
-    if not len(sensors):
-        raise ValueError(f"osi: {name} is a SensorData without feature_data.lidar_sensor")
-    return _osi_detections(sensors[0].detection, options, name=name, scene=scene, time_s=time_s)
+        lidars, field = message.lidar_sensor_view, "lidar_sensor_view"
+    else:
+        lidars, field = message.feature_data.lidar_sensor, "feature_data.lidar_sensor"
+    if not len(lidars):
+        raise ValueError(f"osi: {name} is a {kind} without {field}")
+    return lidars
+
+
+def _osi_scan(message: Any, lidar: Any, options: LogOptions, *, name: str, scene: str) -> LogScan:
+    """What one LiDAR of a message measured: a view has its reflections, data have detections."""
+    about = {"name": name, "scene": scene, "time_s": message.timestamp.seconds + message.timestamp.nanos * 1e-9}
+    if hasattr(lidar, "reflection"):
+        return _osi_reflections(lidar, **about)
+    return _osi_detections(lidar.detection, options, **about)
 
 
 def _osi_reflections(view: Any, *, name: str, scene: str, time_s: float) -> LogScan:

@@ -55,8 +55,6 @@ class Pattern(IntEnum):
     LEAF = 5
     SIGN = 6
     TRUCK_BOX = 7
-    STREET = 8
-    """The palette entry of the ground alone."""
 
 
 @dataclass(frozen=True)

@@ -115,8 +115,9 @@ class SyntheticWorld:
         return 1_000_000
 
     def __getitem__(self, index: int) -> Frame:
-        """Renders frame `index`. Raises IndexError outside 0 .. len - 1, and TypeError for what is no number."""
-        moment = self._moment(frame_number(index, self.name, len(self)))
+        """Renders frame `index`. Raises IndexError and TypeError as `frame_number`."""
+        index = frame_number(index, self.name, len(self))
+        moment = self._moment(index)
         view, image = side_by_side(
             lambda: self._view(moment),
             lambda: self.measure(index, self._truth(moment)),
@@ -141,11 +142,11 @@ class SyntheticWorld:
 
     def name_of(self, index: int) -> str:
         """The world's seed and the frame's number."""
-        return f"synthetic-{self.seed}-{index:06d}"
+        return f"synthetic-{self.seed}-{frame_number(index, self.name, len(self)):06d}"
 
     def truth(self, index: int) -> Truth:
         """What the LiDAR's rays of frame `index` meet, and what the sensor would report without noise or loss."""
-        return self._truth(self._moment(index))
+        return self._truth(self._moment(frame_number(index, self.name, len(self))))
 
     def measure(self, index: int, truth: Truth, *, repeat: int = 0) -> PolarImage:
         """The sensor's noisy report; `repeat` 0 is the frame's own, others are further measurements of the moment."""
@@ -155,8 +156,6 @@ class SyntheticWorld:
         return jax.random.fold_in(jax.random.fold_in(jax.random.key(self.seed), index), use)
 
     def _moment(self, index: int) -> _Moment:
-        if not 0 <= index < len(self):
-            raise IndexError(f"{self.name}: there is no frame {index}; the world has 0 to {len(self) - 1}")
         drive = _drive(self.seed, index // FRAMES_PER_DRIVE, self.streets)
         time_s = FRAME_S * (index % FRAMES_PER_DRIVE)
         curvature = float(drive.street.curvature)

@@ -119,6 +119,22 @@ def test_detections_of_an_osi_trace(tmp_path, fields):
     check(frames, fields)
 
 
+def test_of_several_lidars_in_a_message_the_first_is_read_and_the_others_are_told(tmp_path, fields, caplog):
+    trace = osi_trace(tmp_path / "one_sv.osi", sensor_view(fields))
+    frames_of(trace, tmp_path / "one")
+    assert not caplog.records
+    both = sensor_view(fields)
+    both.lidar_sensor_view.add()
+    raw = osi_trace(trace, both).read_bytes()
+    trace.write_bytes(2 * raw)
+    _, frames = frames_of(trace, tmp_path / "both")
+    check(frames, fields)
+    assert len(frames.names) == 2
+    assert {record.getMessage().partition(";")[0] for record in caplog.records} == {
+        "osi: one_sv-000000 holds 2 LiDARs, and the first alone is read, here and in what follows"
+    }
+
+
 def test_damaged_osi_traces_are_named(tmp_path, fields):
     path = tmp_path / "drive_sv_3.osi"
     raw = sensor_view(fields, short=7).SerializeToString()

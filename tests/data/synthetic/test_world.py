@@ -58,9 +58,18 @@ def test_a_drive_is_one_street_that_the_car_passes_through(world: SyntheticWorld
 
 
 def test_numbers_outside_the_world_are_refused(world: SyntheticWorld) -> None:
-    for number in (-1, len(world)):
+    for number in (-len(world) - 1, len(world)):
         with pytest.raises(IndexError, match=rf"synthetic: there is no frame {number}; .* 0 to 999999"):
             world[number]
+
+
+def test_a_number_below_0_counts_from_the_end(world: SyntheticWorld) -> None:
+    last = len(world) - 1
+    there, here = world[-1], world[last]
+    assert there.name == here.name == world.name_of(-1) == world.name_of(last)
+    assert there.scene == here.scene
+    np.testing.assert_array_equal(there.cloud.intensity, here.cloud.intensity)
+    np.testing.assert_array_equal(world.truth(-1).image.range_m, world.truth(last).image.range_m)
 
 
 def test_labels_are_cityscapes_ids_and_only_things_have_instances(frames: list[Frame]) -> None:
