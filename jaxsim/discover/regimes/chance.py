@@ -24,7 +24,7 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.regimes.cells import Cells
 from jaxsim.discover.regimes.questions import Facts, Question
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import chance_of, clipped, dealt, orders_of, scaled_groups, signs_of, strongest
+from jaxsim.discover.scenes import chance_of, clipped, dealt, orders_of, p_value, scaled_groups, signs_of, strongest
 from jaxsim.effects.region import Region
 
 
@@ -86,8 +86,8 @@ def flipped(contrasts: Float[np.ndarray, "k n"], variance: Float[np.ndarray, " k
 def scenes_by_size(of: Cells, facts: Facts) -> FoundRegion | None:
     """The scenes whose own sizes are large; `of` holds even and odd columns of each sector apart (2 a + parity).
 
-    Scenes that differ by noise alone differ in both halves of their columns alike only by chance: the excesses of one
-    half are dealt out anew. The division is the widest gap between sizes. None for a single drive, and for few.
+    Scenes that differ by noise alone differ in both halves of their columns to the same side as often as not. The
+    division is the widest gap between sizes. None for a single drive, and for few.
     """
     few = RULES.regime_fewest_scenes
     if len(set(facts.names)) < 2 or facts.few_drives or facts.scene_count < 2 * few:
@@ -107,12 +107,13 @@ def scenes_by_size(of: Cells, facts: Facts) -> FoundRegion | None:
 
 
 def likeness_p_value(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
-    """How often scenes resemble themselves so well if the excesses of one half are dealt out anew; no scene counts for
-    more than the third largest."""
-    a = clipped(first - first.mean())
-    b = clipped(second - second.mean())
-    a = a - a.mean()
-    return chance_of(b[orders_of(len(b))] @ a, a @ b)
+    """How often scenes resemble themselves so well if each resembles and contradicts itself alike; no scene counts for
+    more than the third largest.
+
+    Halves are not dealt out anew: scenes that tell little scatter more in both, and would resemble themselves so."""
+    # About the median, which the wildest do not move, and then about the mean of what is left of them.
+    a, b = (clipped(half - np.median(half)) for half in (first, second))
+    return p_value(clipped((a - a.mean()) * (b - b.mean())))
 
 
 def _by_half(part: np.ndarray, facts: Facts) -> np.ndarray:

@@ -9,7 +9,7 @@ from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.regimes.cells import cells_of
-from jaxsim.discover.regimes.chance import best_region, scenes_by_size
+from jaxsim.discover.regimes.chance import best_region, likeness_p_value, scenes_by_size
 from jaxsim.discover.regimes.confine import confine, named_in_part
 from jaxsim.discover.regimes.questions import questions
 from jaxsim.discover.regimes.sizes import sized, sizes_at
@@ -108,6 +108,18 @@ def test_what_acts_everywhere_is_not_confined(standard_promotion):
     [candidate] = rank_effects(null, [GAIN])
     tag = found["tag", "night"].question.regions[0]
     assert confine(null, [candidate], tag, facts=facts, ranking=[candidate]) is None
+
+
+def test_scenes_that_tell_little_do_not_resemble_themselves_by_scattering_more():
+    rng = np.random.default_rng(0)
+    by_noise = []
+    for _ in range(200):
+        scatter = np.exp(rng.normal(0, 1.5, 24))
+        by_noise.append(likeness_p_value(rng.normal(0, scatter), rng.normal(0, scatter)))
+    # Of 200 at 0.05, ten and twice their scatter.
+    assert np.sum(np.array(by_noise) <= 0.05) <= 16
+    own = 3.0 * (np.arange(24) % 3 == 0)
+    assert likeness_p_value(own + rng.normal(size=24), own + rng.normal(size=24)) < 0.01
 
 
 def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
