@@ -75,7 +75,7 @@ def _does(channel: str, change: Interval) -> str:
 
     return (
         f"On the rays compared it alone changes {what} by {told(change.value)} in the mean, nine of ten by "
-        f"{told(change.low)} to {told(change.high)}."
+        f"{' to '.join(told(end) for end in sorted((change.low, change.high), key=lambda end: sign * end))}."
     )
 
 

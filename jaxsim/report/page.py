@@ -153,7 +153,7 @@ def number(value: Real | None) -> str:
         return "–"
     if value == 0 or 1e-4 <= abs(value) < 1e5:
         places = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
-        text = f"{value:.{places}f}"
+        text = f"{value + 0.0:.{places}f}"
     else:
         digits, power = f"{value:.2e}".split("e")
         text = f"{digits}·10{str(int(power)).translate(RAISED)}"
@@ -169,4 +169,5 @@ def probability(p: Real) -> str:
 
 def percent(value: Real) -> str:
     """A share (1 is all) in whole per cent; a dash where it is not finite."""
-    return f"{100 * value:.0f} %".replace("-", "−") if math.isfinite(value) else "–"
+    # Adding 0 takes the sign from what rounds to it.
+    return f"{round(100 * value) + 0} %".replace("-", "−") if math.isfinite(value) else "–"

@@ -131,8 +131,8 @@ def save_pictures(folder: Path, pictures: Iterable[tuple[str, Rgb]], *, by: str)
 
 
 def intensity_panel(intensity: Raster, valid: _Mask) -> Rgb:
-    """Intensity 0..0.6 in colour (brighter saturates); no return is dark grey."""
-    return colour_scalar(intensity, valid & (intensity > 0), low=0.0, high=0.6, gamma=0.7)
+    """Intensity 0..0.6 in colour (brighter saturates); no return is dark grey, a return of 0 is one."""
+    return colour_scalar(intensity, valid, low=0.0, high=0.6, gamma=0.7)
 
 
 def depth_panel(depth_m: Raster, valid: _Mask) -> Rgb:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,7 @@ from jaxsim.geometry.boxes import corners_of
 from jaxsim.report.page import EMPTY, explorer, number, section, shows, table, whole_page
 from jaxsim.report.pictures import FOUND, LABEL
 
+_log = logging.getLogger(__name__)
 MOST_BYTES = 3_500_000
 """Of all scenes of a page, as they are written: with its figures and tables it stays below four megabytes."""
 NOWHERE = 2**16 - 1
@@ -83,24 +85,34 @@ class TurnedScene:
 def packed(
     scenes: Sequence[TurnedScene], channels: Sequence[Channel], *, rows: int = 1, columns: int = 1, groups: int = 1
 ) -> Markup:
-    """The viewer's JSON, at most MOST_BYTES: of larger clouds every second, third ... point is kept.
+    """The viewer's JSON, at most MOST_BYTES: of larger clouds every second, third ... point is kept, and where boxes
+    alone are too many the first scenes are, which is told.
 
     `rows`, `columns` and `groups` of columns are those of the maps. Raises ValueError for no scene, or no channel.
     """
     if not scenes or not channels:
         raise ValueError(f"scenes: {len(scenes)} scenes and {len(channels)} channels; a viewer needs one of each")
     step = 1
+    shown = scenes
     while True:
         content = {
             "grid": {"rows": rows, "columns": columns, "groups": groups},
             "every": step,
             "channels": [_channel(one) for one in channels],
-            "scenes": [_scene(one, channels, step) for one in scenes],
+            "scenes": [_scene(one, channels, step) for one in shown],
         }
         text = htmlsafe_json_dumps(content, separators=(",", ":"))
         if len(text) <= MOST_BYTES:
             return text
-        step = max(step + 1, round(step * len(text) / MOST_BYTES))
+        points = max(len(side.xyz) for one in shown for side in one.sides if side.xyz is not None)
+        if step < points:
+            step = max(step + 1, round(step * len(text) / MOST_BYTES))
+        elif len(shown) > 1:
+            # A point a side is left, and the rest is boxes.
+            step, shown = 1, shown[: len(shown) // 2]
+            _log.info(f"scenes: the first {len(shown)} of {len(scenes)} fit into the page, with all their boxes")
+        else:
+            raise ValueError(f"scenes: the boxes of {shown[0].name} alone are more than a page holds; show fewer")
 
 
 def _channel(one: Channel) -> dict[str, str]:

@@ -48,6 +48,7 @@ def test_names_suit_every_file_system():
 
 def test_numbers_are_short_and_honest():
     assert number(0.0) == "0"
+    assert number(-0.0) == "0"
     assert number(-0.12345) == "−0.123"
     assert number(211.4) == "211"
     assert number(float("nan")) == "–"
@@ -55,4 +56,5 @@ def test_numbers_are_short_and_honest():
     assert probability(1e-5) == "< 0.0001"
     assert percent(0.934) == "93 %"
     assert percent(-0.07) == "−7 %"
+    assert percent(-0.001) == "0 %"
     assert percent(float("nan")) == "–"

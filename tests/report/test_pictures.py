@@ -74,9 +74,11 @@ def test_cells_without_a_return_are_grey():
     intensity = np.full(SHAPE, 0.3, np.float32)
     valid = np.ones(SHAPE, bool)
     valid[0] = False
+    # A return of 0 is one.
+    intensity[2] = 0
     panel = intensity_panel(intensity, valid)
     assert (panel[0] == NO_RETURN).all()
-    assert not (panel[1] == NO_RETURN).all(axis=-1).any()
+    assert not (panel[1:] == NO_RETURN).all(axis=-1).any()
 
 
 def test_classes_are_a_panel_where_the_camera_knows_them(pair: Pair):

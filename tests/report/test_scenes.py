@@ -2,6 +2,7 @@
 
 import base64
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from jaxsim.report.scenes import (
     MOST_BYTES,
     Channel,
     Side,
+    TurnedBoxes,
     TurnedScene,
     cloud_with_boxes,
     compared_clouds,
@@ -49,6 +51,20 @@ def test_values_are_levels_and_none_is_0():
     got = plain(packed([TurnedScene("s", (side,))], [CHANNEL]))["scenes"][0]["sides"][0]
     assert decoded(got["values"]["intensity"], "u1").tolist() == [1, 255, 255, 0]
     assert decoded(got["picks"]["row"], "<u2").tolist() == [0, 1, 65535, 3]
+
+
+def test_of_more_boxes_than_a_page_holds_the_first_scenes_are_shown():
+    side = Side("a", np.zeros((4, 3)), {"intensity": np.zeros(4)})
+    boxes = TurnedBoxes(np.tile([10.0, 0, 0, 4, 2, 1.5, 0.1], (600, 1)), detected=True)
+    text = packed([TurnedScene(str(k), (side,), boxes=(boxes,)) for k in range(40)], [CHANNEL])
+    assert len(text) <= MOST_BYTES
+    shown = plain(text)["scenes"]
+    assert [one["name"] for one in shown] == [str(k) for k in range(len(shown))]
+    assert 10 <= len(shown) < 40
+    assert all(len(one["boxes"]) == 600 for one in shown)
+    crowded = replace(boxes, boxes=np.tile(boxes.boxes, (40, 1)))
+    with pytest.raises(ValueError, match="the boxes of full alone are more than a page holds"):
+        packed([TurnedScene("full", (side,), boxes=(crowded,))], [CHANNEL])
 
 
 def test_large_clouds_are_thinned_to_what_a_page_may_hold():

@@ -44,7 +44,7 @@ KNOTS_A_CYCLE = 2.5
 LEAST_CYCLES = 1.01
 """... but one whole cycle is always tried."""
 GOLDEN = (np.sqrt(5) - 1) / 2
-"""Share of its bracket that a section keeps: of two inner points one serves the next section again."""
+"""Share of its bracket that a section keeps."""
 SECTIONS = 24
 """Steps of a golden-section search: the bracket shrinks to 1e-5 of itself."""
 VARIABLES = {

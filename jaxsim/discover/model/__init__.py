@@ -35,7 +35,7 @@ Return and range: one mixture a ray, columns whole (`likelihood.return_terms`, `
                + q_wide Cauchy(d - r_i - shift_i(u); 1 m)                              wide: far off; at edges half
                                                                                        even between 0 and r_i
                + q_switch near(d)                                                      at edges: a neighbour's echo
-    near(d)   = mean over 4 neighbours of N(d; range beside, 0.05 m + 2 %)
+    near(d)   = mean over the neighbours that hit anything of N(d; range beside, 0.05 m + 2 %)
     V_i       = s_range^2 + s_aim^2 |d r / d rotation|^2 + s_edge^2 [edge] + known_i + scatter, rounding of effects
     ghost     = N(d; ghost range, s_range + 0.1 m);  clutter(d) ~ d^a exp(-d / scale) before the surface
     drop_b    = the same with every density of a range 1: which rays returned;  range_b = the rest - cost(pose_b)

@@ -83,7 +83,11 @@ def _of_classes(
     most = np.argsort(-counts, kind="stable")[:MOST_CLASSES]
     own = np.sort(kinds[most][counts[most] >= RULES.fewest_of_class])
     shares = semantic[:, None] == own
-    return (*(NAMES[int(kind)] for kind in own), FEWER_RAYS), np.column_stack([shares, ~shares.any(-1)]).astype(float)
+    names = tuple(NAMES[int(kind)] for kind in own)
+    rest = ~shares.any(-1)
+    if not rest.any():
+        return names, shares.astype(float)
+    return (*names, FEWER_RAYS), np.column_stack([shares, rest]).astype(float)
 
 
 def _reads(scan: Scan) -> Bool[np.ndarray, "f r n"]:

@@ -130,9 +130,11 @@ def near_sd(range_m: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return _EDGE_SD_M + _EDGE_PART * range_m
 
 
-def log_stray(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
-    """Logarithms of the probabilities that a surface's echo reads a neighbour's range, and one far off."""
-    switch = jnp.where(ev.edge, jax.nn.log_sigmoid(noise.switch_edge), NEVER)
+def log_stray(rays: Rays, ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
+    """Logarithms of the probabilities that a surface's echo reads a neighbour's range, as far as these hit anything,
+    and one far off."""
+    neighbours = jnp.isfinite(rays.beside_m).mean(-1)
+    switch = jnp.where(ev.edge, jax.nn.log_sigmoid(noise.switch_edge) + jnp.log(neighbours + 1e-9), NEVER)
     return switch, jnp.where(ev.edge, jax.nn.log_sigmoid(noise.wide_edge), jax.nn.log_sigmoid(noise.wide))
 
 
@@ -141,13 +143,11 @@ def log_echo(rays: Rays, ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c 
     this is lost, that of a neighbour: a ray which meets the background beside a post is not what hides the post."""
     stepped = jnp.logical_or(ev.edge, ev.step)
     missed = jnp.where(stepped, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
-    neighbours = jnp.isfinite(rays.beside_m)
     # Silhouettes lose more than other edges: the later line wins.
-    missed = jnp.where(neighbours.all(-1), missed, jax.nn.log_sigmoid(-noise.drop_sky))
-    switch, _ = log_stray(ev, noise)
+    missed = jnp.where(jnp.isfinite(rays.beside_m).all(-1), missed, jax.nn.log_sigmoid(-noise.drop_sky))
+    switch, _ = log_stray(rays, ev, noise)
     own_lost = jnp.log(-jnp.expm1(jnp.minimum(rays.log_keep, -1e-6)))
-    beside = own_lost + switch + jnp.log(neighbours.mean(-1) + 1e-9)
-    return rays.log_keep + missed, jnp.maximum(beside + missed, NEVER)
+    return rays.log_keep + missed, jnp.maximum(own_lost + switch + missed, NEVER)
 
 
 def log_false(ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
@@ -180,7 +180,8 @@ def return_terms(
     off = off - shift
 
     near = _log_near(rays, ev)
-    surface = _log_surface(ev, noise, off=off, near=near, sd=jnp.sqrt(reading_variance(rays, ev, noise)))
+    stray = log_stray(rays, ev, noise)
+    surface = _log_surface(ev, stray, off=off, near=near, sd=jnp.sqrt(reading_variance(rays, ev, noise)))
     surface = _mix(rays.between, surface, _log_between(rays, ev))
     # Where nothing is predicted, half of the returns are a neighbour's surface, the others may lie anywhere.
     nothing = jnp.logaddexp(near, -math.log(CLUTTER_REACH_M)) - math.log(2)
@@ -202,24 +203,30 @@ def _mix(share: Float[Array, "*#n"], usual: Float[Array, "*n"], instead: Float[A
 
 
 def _log_near(rays: Rays, ev: Evidence) -> Float[Array, "b c r"]:
-    """A neighbour's echo: normal about the range of one of the four, whichever it is."""
-    beside = jnp.where(jnp.isfinite(rays.beside_m), rays.beside_m, _FAR_M)
-    near = log_normal(ev.range_m[..., None] - beside, near_sd(ev.range_m[..., None]))
-    return jax.nn.logsumexp(near, axis=-1) - math.log(4)
+    """A neighbour's echo: normal about the range of one of those that hit anything, whichever it is."""
+    hit = jnp.isfinite(rays.beside_m)
+    near = log_normal(ev.range_m[..., None] - jnp.where(hit, rays.beside_m, _FAR_M), near_sd(ev.range_m[..., None]))
+    return jax.nn.logsumexp(near, axis=-1) - jnp.log(jnp.maximum(hit.sum(-1), 1))
 
 
 def _log_surface(
-    ev: Evidence, noise: Noise, *, off: Float[Array, "b c r"], near: Float[Array, "b c r"], sd: Float[Array, "b c r"]
+    ev: Evidence,
+    stray: tuple[Float[Array, "b c r"], Float[Array, "b c r"]],
+    *,
+    off: Float[Array, "b c r"],
+    near: Float[Array, "b c r"],
+    sd: Float[Array, "b c r"],
 ) -> Float[Array, "b c r"]:
     """The surface's echo: a core (Student-t) about the predicted range, a wide part about it, and, at edges, a
-    neighbour's echo. The wide part is Cauchy's; at edges it is half even before the surface, where a beam of some width
-    meets what single rays pass by."""
+    neighbour's echo; the logarithms of the shares of these two are `stray`, in the order of `log_stray`. The wide part
+    is Cauchy's; at edges it is half even before the surface, where a beam of some width meets what single rays pass
+    by."""
     core = log_student(off, sd)
     wide = log_cauchy(off, _WIDE_M)
     expected = jnp.maximum(ev.range_m - off, _WIDE_M)
     before = jnp.where(off < 0, -jnp.log(expected), NEVER)
     wide = jnp.where(ev.edge, jnp.logaddexp(wide, before) - math.log(2), wide)
-    switch, rate = log_stray(ev, noise)
+    switch, rate = stray
     # What neither strays nor switches is core: 2 % of it stay, whatever rates a step of the fit tries.
     usual = jnp.log1p(-jnp.clip(jnp.exp(rate) + jnp.exp(switch), 0, 0.98))
     return jax.nn.logsumexp(jnp.stack([usual + core, rate + wide, switch + near], axis=-1), axis=-1)

@@ -136,9 +136,14 @@ def _brighter(
     strip = drawn_level(levels.strip, w.strips.block, w.strips.variance)
     drawn = levels.replace(features=levels.shared[None] + street, surface=surface, strip=strip)
     compared = np.asarray(explained_by(ev, drawn)) + sign[:, None, None] * residual_i
-    # Of rays that are not compared there is no residual; their class's reflectance and noise stand in.
-    kinds, kind = np.unique(np.asarray(ev.rays.semantic), return_inverse=True)
-    of_class = (levels.shared[0] + levels.shared[1 : 1 + len(kinds)])[kind.reshape(residual_i.shape)]
+    # Of rays that are not compared there is no residual; their class's reflectance, or that of all where none of it is
+    # compared, and noise stand in.
+    _, kind = np.unique(np.asarray(ev.rays.semantic), return_inverse=True)
+    usual = 1 + len(ev.kinds)
+    predicted = np.asarray(ev.features)[..., :usual] @ levels.shared[:usual]
+    total = np.bincount(kind.ravel(), np.where(ev.compared, predicted, 0).ravel())
+    count = np.bincount(kind.ravel(), np.asarray(ev.compared).ravel())
+    of_class = np.where(count > 0, total / np.maximum(count, 1), levels.shared[0])[kind.reshape(residual_i.shape)]
     # Student-t, as the likelihood has it.
     speckle = np.exp(float(explained.noise.intensity)) * rng.standard_t(DEGREES, residual_i.shape)
     return np.where(np.asarray(ev.compared), compared, of_class + speckle).astype(np.float32)
@@ -163,7 +168,7 @@ def _readings(
     # The parts of the range's mixture: the usual reading, a neighbour's, and one far off (Cauchy of 1 m).
     beside, has_neighbour = _one_beside(rays, rng)
     neighbour = beside + near_sd(beside) * _normal(rng, shape)
-    log_switch, log_wide = log_stray(ev, noise)
+    log_switch, log_wide = log_stray(rays, ev, noise)
     switch = np.exp(np.asarray(log_switch))
     wide = np.exp(np.asarray(log_wide))
     # One number a ray decides between its neighbour's reading, a far outlier and the usual one.
@@ -184,11 +189,11 @@ def _readings(
 
 
 def _one_beside(rays: Rays, rng: np.random.Generator) -> tuple[Float[np.ndarray, "b c r"], Bool[np.ndarray, "b c r"]]:
-    """The range of one of the four neighbours, by chance, and whether that hits anything (0 m where not)."""
+    """The range of one of the neighbours that hit anything, by chance, and whether there is one (0 m where not)."""
     beside = np.asarray(rays.beside_m)
-    neighbour_m = np.take_along_axis(beside, rng.integers(0, 4, (*beside.shape[:-1], 1)), axis=-1)[..., 0]
-    finite = np.isfinite(neighbour_m)
-    return np.where(finite, neighbour_m, 0), finite
+    hit = np.isfinite(beside)
+    one = (rng.random(beside.shape) * hit).argmax(-1, keepdims=True)
+    return np.take_along_axis(np.where(hit, beside, 0), one, axis=-1)[..., 0], hit.any(-1)
 
 
 def _correlated(rng: np.random.Generator, covariance: Float[np.ndarray, "b k k"]) -> Float[np.ndarray, "b k"]:

@@ -36,7 +36,8 @@ class Confined:
 
 
 def frames_in(region: Region, facts: Facts) -> Bool[np.ndarray, " f"]:
-    """Frames that lie in a region, whole scenes of it where moments divide."""
+    """Frames that lie in a region, each by its own time: scenes were asked by their mean moments, and drives that
+    overlap in time may lie on both sides of a cut."""
     inside = np.asarray(region.in_time(np.asarray(facts.scan.time_s)))
     if region.tag is not None:
         inside = inside & np.asarray(facts.scan.tags[region.tag])

@@ -114,7 +114,7 @@ def _spans(moment: Float[np.ndarray, " m"]) -> list[Span]:
 
 
 def _tags(facts: Facts) -> Iterator[Question]:
-    """A question a tag that some scenes have and some do not: where it is set, or where it is not."""
+    """A question a tag that some scenes have and some do not: whether more acts where it is set."""
     for tag, tagged in facts.scan.tags.items():
         has = np.asarray(tagged)[facts.frame]
         scenes = len(np.unique(facts.scene[has]))

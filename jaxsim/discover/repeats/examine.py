@@ -83,14 +83,17 @@ def left_open(found: LearnedRepeat, added: Added) -> bool:
     repeat = found.repeat
     if repeat.scale != "row":
         return False
-    [row, *_] = np.flatnonzero(np.abs(found.pattern).max(axis=1))
+    rows = np.flatnonzero(np.abs(found.pattern).max(axis=1))
+    if not rows.size:
+        # Fitted, it is nothing.
+        return True
     for one, told in zip(added.refits, added.parameters, strict=True):
         if repeat.channel not in one.effect.channels:
             continue
         for name, p in fitted_parameters(one.effect).items():
             beams = told[name]
             if isinstance(beams, tuple) and p.shape == "row" and p.unit == CHANGE_UNITS[repeat.channel]:
-                beam = beams[row]
+                beam = beams[rows[0]]
                 # Of losses on top of others the height is that of what the others leave.
                 height = abs(repeat.size.value) * (1 - beam.value if repeat.channel == "drop" else 1)
                 if height <= max(beam.high - beam.value, beam.value - beam.low):
@@ -173,6 +176,8 @@ def formula_of(repeats: Sequence[LearnedRepeat]) -> ClosedLaw | None:
     elif law.covariates in (("even rows",), ("even columns",)):
         variable, _ = VARIABLES[law.covariates[0]]
         level = law.values[0]
+        # What is added is told, which stays within what a law may change.
+        size = size.moved(law.values[1] - level - size.value)
         expression = f"level + size * {variable}"
         formula = f"{level:.3g} + {size.value:.3g}·{variable}"
         numbers = {"level": Interval.exact(level, unit), "size": size}

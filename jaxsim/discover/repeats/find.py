@@ -214,8 +214,9 @@ def strongest(looked: Mapping[str, ChannelScales]) -> tuple[str, PatternScale, i
             p = np.array([np.mean(by_chance >= strength - 1e-9) for strength in agreement.strength.tolist()])
             part = 1 if scale.pattern else RULES.repeats_one_pattern
             gain = np.where(p <= RULES.repeats_level, agreement.gain * part, 0)
-            k = int(gain.argmax())
-            if gain[k] > most:
+            # Of two rows or columns there is no wave.
+            k = int(gain.argmax()) if gain.size else 0
+            if gain.size and gain[k] > most:
                 best, most = (channel, scale, k, float(p[k])), float(gain[k])
     return best
 

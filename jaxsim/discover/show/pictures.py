@@ -239,7 +239,9 @@ def _spread(count: int) -> list[int]:
 
 def _in_blocks(column: Int[np.ndarray, " n"], each: int, *, most: float) -> Int[np.ndarray, "m {each}"]:
     """Columns in blocks of `each`, every block spread over all; every second, third ... of them if more than `most`."""
-    thinned = column[:: max(1, -(-len(column) // max(int(most), each)))]
+    # As many columns as a block has are always left.
+    step = min(-(-len(column) // max(int(most), each)), len(column) // each)
+    thinned = column[:: max(1, step)]
     count = len(thinned) // each
     return thinned[: count * each].reshape(each, count).T
 

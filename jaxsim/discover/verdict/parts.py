@@ -49,6 +49,10 @@ class Interval:
         """Gives a value that is known, both of whose ends it is."""
         return cls(value, value, value, unit)
 
+    def moved(self, by: float) -> Interval:
+        """Gives the same interval about a value that is so much larger."""
+        return Interval(self.value + by, self.low + by, self.high + by, self.unit)
+
     def within(self, of: Parameter) -> Interval:
         """Gives the same interval within a parameter's bounds, in its unit."""
         value, low, high = np.clip([self.value, self.low, self.high], of.low, of.high).tolist()

@@ -33,18 +33,34 @@ BROAD = START.replace(range_=jnp.float32(np.log(0.2)))
     ids=["plain", "half kept", "lost", "between", "ghost", "clutter"],
 )
 def test_no_return_and_all_ranges_together_have_probability_one(evidence, change):
+    total = total_probability(evidence, change)
+    surrounded = np.isfinite(np.asarray(evidence.rays.beside_m)).all(-1)
+    for edge in (False, True):
+        asked = np.asarray(evidence.rays.hit & (evidence.edge == edge)) & surrounded
+        assert asked.any()
+        assert np.quantile(np.abs(total[asked] - 1), 0.95) < 0.03
+
+
+@pytest.mark.parametrize("hidden", [1, 3, 4])
+@pytest.mark.parametrize("change", [{}, {"log_keep": -0.7}], ids=["plain", "half kept"])
+def test_beside_the_sky_all_that_a_ray_can_do_has_probability_one_too(evidence, hidden, change):
+    """So many of the neighbours hit nothing."""
+    beside = evidence.rays.beside_m.at[..., :hidden].set(jnp.inf)
+    total = total_probability(replace(evidence, rays=replace(evidence.rays, beside_m=beside)), change)
+    asked = np.asarray(evidence.rays.hit & evidence.edge)
+    assert asked.any()
+    assert np.quantile(np.abs(total[asked] - 1), 0.95) < 0.03
+
+
+def total_probability(evidence, change):
+    """Of each ray: that it does not return, or returns anywhere."""
     rays = replace(evidence.rays, **{k: jnp.full(evidence.edge.shape, v, jnp.float32) for k, v in change.items()})
     w = normal_equations(evidence, START, (jnp.zeros(evidence.edge.shape),) * 2)
     # Weights of 0: no pose is fitted to the ranges that are swept here.
     w = w.replace(range_=w.range_ * 0)
     at = np.concatenate([np.arange(0.05, 40, 0.1), np.arange(40, 400, 2.0)])
     lost, density = _swept(rays, replace(evidence, returned=evidence.returned | True), w, at.astype(np.float32))
-    total = np.tensordot(np.gradient(at), np.asarray(density, float), 1) + np.exp(np.asarray(lost, float))
-    surrounded = np.isfinite(np.asarray(evidence.rays.beside_m)).all(-1)
-    for edge in (False, True):
-        asked = np.asarray(evidence.rays.hit & (evidence.edge == edge)) & surrounded
-        assert asked.any()
-        assert np.quantile(np.abs(total[asked] - 1), 0.95) < 0.03
+    return np.tensordot(np.gradient(at), np.asarray(density, float), 1) + np.exp(np.asarray(lost, float))
 
 
 def test_at_an_edge_a_reading_may_lie_anywhere_before_the_surface_but_not_behind(evidence):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.repeats.find import find_repeats, of_maps, of_patterns, scatter
+from jaxsim.discover.repeats.maps import Maps
 from jaxsim.discover.scenes import signs_of
 from tests.discover.repeats.made import COLUMN, COLUMNS, FINDING, ROW, ROWS, maps
 
@@ -150,3 +151,13 @@ def test_maps_that_share_nothing_tell_nothing():
     agreement = of_maps(np.eye(SCENES), np.ones(SCENES), signs_of(SCENES))
     assert agreement.strength[0] == 0
     assert not agreement.by_chance.any()
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1, 96), (2, 96), (16, 2), (2, 2)])
+def test_grids_of_a_row_or_two_show_what_they_can(rows, columns):
+    narrow = {name: cut(maps(seed), rows, columns) for name, seed in (("intensity", 1), ("range", 2))}
+    assert find_repeats(narrow, FINDING) == ()
+
+
+def cut(of: Maps, rows: int, columns: int) -> Maps:
+    return Maps.plain(of.weight[:, :rows, :columns], of.total[:, :rows, :columns])

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.show.pictures import Bins, residual_curves, residual_maps
+from jaxsim.discover.show.pictures import Bins, _in_blocks, residual_curves, residual_maps
 from jaxsim.effects import get_effect
 from tests.discover.toy import judged_toy
 
@@ -62,3 +62,10 @@ def test_maps_cover_the_grid_with_means_of_judge_frames(noisy):
     assert np.nanmax(maps["drop"]) <= 1
     assert np.isfinite(maps["drop"]).sum() > 0.9 * maps["drop"].size
     assert (np.nanmean(maps["drop"], 1) > 0).any() == lost.any()
+
+
+@pytest.mark.parametrize(("columns", "most"), [(32, 20), (40, 20), (65, 20), (300, 20), (300, 100)])
+def test_a_scene_with_a_block_of_columns_shows_one(columns, most):
+    blocks = _in_blocks(np.arange(columns), 32, most=most)
+    assert blocks.shape[1] == 32
+    assert 1 <= len(blocks) <= max(1, most // 32)
