@@ -112,7 +112,8 @@ def likeness_p_value(first: Float[np.ndarray, " n"], second: Float[np.ndarray, "
 
     Halves are not dealt out anew: scenes that tell little scatter more in both, and would resemble themselves so."""
     # About the median, which the wildest do not move, and then about the mean of what is left of them.
-    a, b = (clipped(half - np.median(half)) for half in (first, second))
+    a = clipped(first - np.median(first))
+    b = clipped(second - np.median(second))
     return p_value(clipped((a - a.mean()) * (b - b.mean())))
 
 
