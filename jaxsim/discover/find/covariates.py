@@ -7,6 +7,7 @@ that one compiled program serves all curves of a channel.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +29,9 @@ COVARIATES = {name: read for name, read in ON_HOST.items() if name not in ("colu
 BANKS = {"row": ("row", "even rows"), "even rows": ("row", "even rows"), "even columns": ("even columns",)}
 """What readouts are told apart by, and along what else where one of them tells: a readout may have a gain of its own,
 or a black level, which adds to intensities."""
+PRODUCTS = {"intensity": ("range x incidence",)}
+"""Pairs of covariates along which curves of a channel are tried whatever the residuals show: what goes by both may go
+by neither, and levels of surfaces, each of which is seen at one range and angle, take it up."""
 BASIS_COLUMNS = 36
 """Columns of every free curve's basis; one that needs fewer (knots, classes) is filled up with zeros."""
 
@@ -52,9 +56,14 @@ class Dependence:
         return OFFSET if self.adds else self.channel
 
 
+def parts_of(covariate: str) -> tuple[str, ...]:
+    """The covariates of which one is the product, `A x B`. (`speed x time` is a covariate of its own.)"""
+    return (covariate,) if covariate in ON_HOST else tuple(covariate.split(" x "))
+
+
 def spelled(covariate: str) -> str:
-    """A covariate, or two that interact, in a verdict's words. (`speed x time` is a covariate of its own.)"""
-    return NAMED.get(covariate) or " x ".join(NAMED.get(part, part) for part in covariate.split(" x "))
+    """A covariate, or two that interact, in a verdict's words."""
+    return " x ".join(NAMED.get(part, part) for part in parts_of(covariate))
 
 
 def values_of(covariate: str, rays: Any, counts: np.ndarray) -> np.ndarray:
@@ -137,7 +146,42 @@ CURVES = {
 
 def with_basis(problem: Problem, covariate: str) -> Problem:
     """The problem whose rays carry the covariate's basis, so that the one program of a channel serves all curves."""
-    return with_columns(problem, fixed_basis(values_along(problem, covariate), covariate))
+    return with_columns(problem, basis_along(problem, covariate))
+
+
+def basis_along(problem: Problem, covariate: str) -> Float[np.ndarray, "n k"]:
+    """The basis of a curve along a covariate, or along a product of two, of all rays of a problem that hit anything."""
+    names = parts_of(covariate)
+    if len(names) > 1:
+        return product_basis(problem, names, product_knots(problem, names))
+    return fixed_basis(values_along(problem, covariate), covariate)
+
+
+def product_knots(problem: Problem, names: Sequence[str]) -> list[Float[np.ndarray, " k"]]:
+    """The knots of each of two covariates of which a product's curve is made."""
+    return [quantile_knots(values_along(problem, name), RULES.interaction_knots) for name in names]
+
+
+def product_basis(
+    problem: Problem, names: Sequence[str], knots: Sequence[Float[np.ndarray, " k"]]
+) -> Float[np.ndarray, "n k"]:
+    """The products of two covariates' hat functions with these knots, of all rays that hit anything."""
+    first, second = (hats(values_along(problem, name), at) for name, at in zip(names, knots, strict=True))
+    return products(first, second)
+
+
+def heights_at(
+    here: Problem, there: Problem, covariate: str, numbers: Float[np.ndarray, " 36"]
+) -> Float[np.ndarray, " n"]:
+    """The height at each ray of `here` that hits anything of a curve that was fitted to the rays of `there`."""
+    names = parts_of(covariate)
+    if len(names) > 1:
+        basis = product_basis(here, names, product_knots(there, names))
+        return basis @ numbers[: basis.shape[1]]
+    known = values_along(there, covariate)
+    height = fixed_basis(known, covariate) @ numbers
+    order = np.argsort(known, kind="stable")
+    return np.interp(values_along(here, covariate), known[order], height[order])
 
 
 def with_columns(problem: Problem, columns: Float[np.ndarray, "n k"]) -> Problem:

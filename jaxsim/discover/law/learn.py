@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.find.covariates import COVARIATES, CURVES, Dependence, products, values_along, with_columns
+from jaxsim.discover.find.covariates import COVARIATES, CURVES, Dependence, parts_of, product_knots, with_basis
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit, in_place
 from jaxsim.discover.model.null_model import refit, refitted
 from jaxsim.discover.model.parameters import to_values, to_z
@@ -25,7 +25,7 @@ from jaxsim.discover.name.unexplained import agreed, at_knots
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
 from jaxsim.effects import Law
-from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, curve_kind, hats, quantile_knots
+from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, curve_kind
 from jaxsim.products import matmul
 
 
@@ -43,6 +43,9 @@ class Form:
     @classmethod
     def of(cls, problem: Problem, dependence: Dependence, curve: Candidate) -> Form:
         """The form of a free curve that was fitted to the problem's rays."""
+        names = parts_of(dependence.covariate)
+        if len(names) > 1:
+            return cls.of_product(problem, dependence.channel, names, curve=curve)
         _, knots, basis, heights = at_knots(problem, dependence, curve)
         # Columns that only fill up have no height to fit.
         used = basis.any(0)
@@ -58,6 +61,16 @@ class Form:
             adds=dependence.adds,
         )
         return cls(bare, basis[:, used], np.mean(heights, axis=0)[used])
+
+    @classmethod
+    def of_product(cls, problem: Problem, channel: str, names: tuple[str, ...], *, curve: Candidate) -> Form:
+        """The form of a curve along a product of two covariates."""
+        knots = product_knots(problem, names)
+        size = len(knots[0]) * len(knots[1])
+        nothing = (0.0,) * size
+        heights = [np.asarray(values["height"])[:size] for values in curve.fitted_values]
+        bare = Learned(channel, "product", names, tuple(map(_plain, knots)), nothing, nothing)
+        return cls(bare, np.eye(size, dtype=np.float32), np.mean(heights, axis=0))
 
     @property
     def law(self) -> Law:
@@ -105,29 +118,17 @@ def curve_form(
     form = Form.of(problem, dependence, curve)
     least = RULES.curve_factor * curve.total + RULES.curve_margin_nats
     for product in crossed:
-        names = tuple(product.covariate.split(" x "))
+        names = parts_of(product.covariate)
         if product.channel != dependence.channel or dependence.covariate not in names or set(names) & set(TABLES):
             continue
-        bare, candidate = _product(problem, dependence.channel, names)
+        tried = with_basis(problem, product.covariate)
+        [candidate] = rank_effects(tried, [CURVES[dependence.channel]], null_fits=problem.null_fits)
         # Scene by scene as well: a few scenes could make the total.
         better = p_value(clipped(candidate.by_scene - curve.by_scene)) <= RULES.alike_level
         if agreed(candidate, bar) and candidate.total > least and better:
-            size = len(bare.values)
-            heights = [np.asarray(values["height"])[:size] for values in candidate.fitted_values]
-            form, least = Form(bare, np.eye(size, dtype=np.float32), np.mean(heights, axis=0)), candidate.total
+            form = Form.of(problem, product, candidate)
+            least = candidate.total
     return form
-
-
-def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Learned, Candidate]:
-    """The product of two covariates' hat functions, fitted and judged like a free curve."""
-    x = [values_along(problem, name) for name in names]
-    knots = [quantile_knots(values, RULES.interaction_knots) for values in x]
-    weights = [hats(values, at) for values, at in zip(x, knots, strict=True)]
-    size = len(knots[0]) * len(knots[1])
-    tried = with_columns(problem, products(*weights))
-    [candidate] = rank_effects(tried, [CURVES[channel]], null_fits=problem.null_fits)
-    nothing = (0.0,) * size
-    return Learned(channel, "product", names, tuple(map(_plain, knots)), nothing, nothing), candidate
 
 
 def learn(form: Form, problem: Problem, result: Fit) -> LearnedFit:

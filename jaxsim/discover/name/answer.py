@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from jaxsim.discover.find.covariates import Dependence, spelled
+from jaxsim.discover.find.covariates import Dependence, parts_of, spelled
 from jaxsim.discover.find.dependences import dependences_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
@@ -201,7 +201,7 @@ def untouched(choice: Choice, curve: FreeCurve, beside: Beside) -> list[FittedSt
         step.chosen.effect.name: step
         for step in choice.steps
         if dependence.channel in step.chosen.effect.channels
-        and dependence.covariate not in step.chosen.effect.covariates
+        and {*parts_of(dependence.covariate)}.isdisjoint(step.chosen.effect.covariates)
         and not goes_by(step.chosen.effect, BY_MATERIAL)
         and step.chosen.effect.name not in FINEST
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.discover.find.covariates import Dependence
+from jaxsim.discover.find.covariates import Dependence, parts_of
 from jaxsim.discover.model.fit import Problem, on_top
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.name.candidates import Candidate
@@ -70,7 +70,7 @@ class Doubts:
     def against_curve(self, along: Dependence, curve: Candidate, problem: Problem) -> str:
         """Why a free curve that was fitted to a problem is not said; empty where no other sides show it."""
         asked = self._others(by_chance=along.channel == "drop")
-        of_surface = along.channel == "intensity" and along.covariate in BY_SURFACE
+        of_surface = along.channel == "intensity" and {*parts_of(along.covariate)} <= {*BY_SURFACE}
         if of_surface and self._little(curve, problem):
             return OF_MATERIALS
         return next((sides.why for other in asked if (sides := other()).has_curve(problem, along, curve)), "")

@@ -193,7 +193,7 @@ def _one_beside(rays: Rays, rng: np.random.Generator) -> tuple[Float[np.ndarray,
     beside = np.asarray(rays.beside_m)
     hit = np.isfinite(beside)
     one = (rng.random(beside.shape) * hit).argmax(-1, keepdims=True)
-    return np.take_along_axis(np.where(hit, beside, 0), one, axis=-1)[..., 0], hit.any(-1)
+    return np.take_along_axis(np.where(hit, beside, 0), one, axis=-1)[..., 0], np.asarray(hit.any(-1))
 
 
 def _correlated(rng: np.random.Generator, covariance: Float[np.ndarray, "b k k"]) -> Float[np.ndarray, "b k"]:

@@ -33,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.find.covariates import CURVES, Dependence, fixed_basis, values_along, with_columns
+from jaxsim.discover.find.covariates import CURVES, Dependence, heights_at, with_columns
 from jaxsim.discover.find.division import Division, NullModel
 from jaxsim.discover.find.other_surfaces import met_by_chance
 from jaxsim.discover.model.evidence import Measured
@@ -135,13 +135,9 @@ class OtherSides:
         channels = self.channels | {"drop"}
         if along.channel not in channels:
             return False
-        name = along.covariate
-        known = values_along(there, name)
         fits = [np.asarray(values["height"]) for values in curve.fitted_values]
-        height = fixed_basis(known, name) @ np.mean(fits, axis=0)
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
-        order = np.argsort(known, kind="stable")
-        column = np.interp(values_along(self.null_model.problem, name), known[order], height[order])
+        column = heights_at(self.null_model.problem, there, along.covariate, np.mean(fits, axis=0))
         problem = with_columns(self.null_model.problem, column[:, None].astype(np.float32))
         effect = CURVES[along.change]
         unit = np.zeros_like(fits[0])

@@ -17,8 +17,12 @@ from jaxtyping import Float
 from jaxsim.discover.find.covariates import (
     BANKS,
     CURVES,
+    PRODUCTS,
     Dependence,
+    basis_along,
     fixed_basis,
+    parts_of,
+    spelled,
     values_along,
     with_basis,
 )
@@ -40,8 +44,9 @@ X_WORDS = {
     "step": "ln(1 + step / 0.3 m)",
 }
 """What the x of a formula is, where it is not the covariate itself."""
-TAKEN_UP = {"intensity": ("azimuth", "even columns", "frame", "speed", "hue angle")}
-"""Covariates tried besides, along which residuals show little: levels of streets and strips take up what there is."""
+TAKEN_UP = {"intensity": ("range", "incidence", "azimuth", "even columns", "frame", "speed", "hue angle")}
+"""Covariates tried besides, along which residuals show little: levels of streets, surfaces and strips take up what
+there is."""
 
 
 def free_curves(
@@ -63,6 +68,7 @@ def free_curves(
         names = {dependence.covariate for dependence in strongest}
         untried = [Dependence(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in names]
         tried += [*strongest, *(dependence for dependence in untried if _varies(problem, dependence.covariate))]
+        tried += [Dependence(channel, product, 1.0, 0.0, 0.0) for product in PRODUCTS.get(channel, ())]
         if channel == "intensity":
             banks = dict.fromkeys(bank for name in names for bank in BANKS.get(name, ()))
             tried += [Dependence(channel, bank, 1.0, 0.0, 0.0, adds=True) for bank in banks]
@@ -84,8 +90,7 @@ def sure(curve: Candidate) -> bool:
 
 def curve_numbers(problem: Problem, dependence: Dependence) -> int:
     """How many numbers a curve along this has: the columns of its basis that rays reach."""
-    x = values_along(problem, dependence.covariate)
-    return int(fixed_basis(x, dependence.covariate).any(0).sum())
+    return int(basis_along(problem, dependence.covariate).any(0).sum())
 
 
 def _varies(problem: Problem, covariate: str) -> bool:
@@ -94,7 +99,13 @@ def _varies(problem: Problem, covariate: str) -> bool:
 
 
 def describe_curve(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
-    """The curve over its covariate, its character, and a closed formula that comes near it."""
+    """The curve over its covariate, its character, and a closed formula that comes near it; of a product of two how far
+    it goes."""
+    if len(parts_of(dependence.covariate)) > 1:
+        size = curve_numbers(problem, dependence)
+        height = np.mean([np.asarray(values["height"])[:size] for values in candidate.fitted_values], axis=0)
+        formula = f"{LETTER[dependence.change]} between {height.min():.3g} and {height.max():.3g}"
+        return Unexplained(dependence.channel, spelled(dependence.covariate), "other", formula)
     x, grid, basis, heights = at_knots(problem, dependence, candidate)
     # The height at a knot is the mean over fits that left a fold out each; their scatter gives the band.
     curves = heights @ basis.T
