@@ -157,13 +157,13 @@ def basis_along(problem: Problem, covariate: str) -> Float[np.ndarray, "n k"]:
     return fixed_basis(values_along(problem, covariate), covariate)
 
 
-def product_knots(problem: Problem, names: Sequence[str]) -> list[Float[np.ndarray, " k"]]:
+def product_knots(problem: Problem, names: Sequence[str]) -> list[Float[np.ndarray, " _"]]:
     """The knots of each of two covariates of which a product's curve is made."""
     return [quantile_knots(values_along(problem, name), RULES.interaction_knots) for name in names]
 
 
 def product_basis(
-    problem: Problem, names: Sequence[str], knots: Sequence[Float[np.ndarray, " k"]]
+    problem: Problem, names: Sequence[str], knots: Sequence[Float[np.ndarray, " _"]]
 ) -> Float[np.ndarray, "n k"]:
     """The products of two covariates' hat functions with these knots, of all rays that hit anything."""
     first, second = (hats(values_along(problem, name), at) for name, at in zip(names, knots, strict=True))

@@ -289,9 +289,12 @@ def simplest(good: Sequence[Candidate]) -> Candidate:
 def fitted_step(
     problem: Problem, best: Candidate, *, ranking: Sequence[Candidate], among: Sequence[Candidate]
 ) -> FittedStep:
-    """A candidate fitted to all find scenes, and its look-alikes `among` those that gain no more."""
+    """A candidate fitted to all find scenes, and its look-alikes `among` those that gain no more, in a channel of its
+    own: what others show is something else."""
+    own = {*best.effect.channels}
+    others = [candidate for candidate in among if candidate is not best and own & {*candidate.effect.channels}]
     # The bar says whether anything is there at all: a look-alike may lie below it where the best hardly passes.
-    agreed = [candidate for candidate in among if candidate is not best and candidate.accepted(0.0)]
+    agreed = [candidate for candidate in others if candidate.accepted(0.0)]
     no_better = [candidate for candidate in agreed if candidate.total <= best.total]
     alike = tuple(c for c in no_better if not worse(c, best) and not much_richer(c, best))
     # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.add import Added, add_effects
-from jaxsim.discover.find.covariates import CURVES, Dependence, with_basis
+from jaxsim.discover.find.covariates import CURVES, Dependence, heights_at, with_basis
 from jaxsim.discover.find.dependences import find_dependences
 from jaxsim.discover.find.division import NOTHING_YET, Division, NullModel
 from jaxsim.discover.law.learn import Form, curve_form
@@ -173,6 +173,23 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
     law = fitted.learned
     truth = 0.03 * np.sin(law.knots[0])[:, None] * np.asarray(law.knots[1])
     assert np.corrcoef(np.ravel(truth), law.values)[0, 1] > 0.95
+
+
+def test_a_product_of_range_and_incidence_is_asked_whatever_residuals_show(null):
+    """What is told of it, and its law, are the curve that was fitted."""
+    [(best, curve)] = [one for one in free_curves(null, ()) if one[0].covariate == "range x incidence"]
+    assert best.channel == "intensity"
+    told = describe_curve(null, best, curve)
+    assert (told.covariate, told.x) == ("range x incidence", ())
+    form = Form.of(null, best, curve)
+    assert (form.bare.kind, form.bare.covariates) == ("product", ("range", "incidence"))
+    # On its own rays it has the height that the law has.
+    numbers = np.mean([np.asarray(values["height"]) for values in curve.fitted_values], axis=0)
+    law = replace(form.bare, values=tuple(form.start.tolist()))
+    hit = np.asarray(null.ev.rays.hit)
+    np.testing.assert_allclose(
+        heights_at(null, null, best.covariate, numbers), np.asarray(law.height(null.ev.rays))[hit], atol=1e-5
+    )
 
 
 def test_a_pair_that_says_no_more_stays_a_curve(null):

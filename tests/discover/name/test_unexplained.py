@@ -57,7 +57,9 @@ def test_additions_are_tried_where_intensities_follow_the_readout(monkeypatch, s
     along = [Dependence("intensity", name, 0.01, 0.1, 50.0) for name in strongest]
     curves = unexplained.free_curves(problem(null_fits=()), along)
     assert sorted(name for name, law in tried if law == "offset curve") == sorted(added)
-    assert len(curves) == len(tried) == min(len(strongest), 3) + len(added)
+    # And the product that is tried whatever residuals show.
+    assert "range x incidence" in {name for name, _ in tried}
+    assert len(curves) == len(tried) == min(len(strongest), 3) + len(added) + 1
 
 
 def test_a_wave_of_one_turn_is_a_wave():
