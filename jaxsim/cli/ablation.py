@@ -12,8 +12,11 @@ from jaxsim.cli.running import parse
 from jaxsim.cli.train import parse_experiment
 from jaxsim.config import Experiment
 from jaxsim.config.ranges import Checked, Count, Whole
+from jaxsim.data import open_dataset
 from jaxsim.files import working_in
+from jaxsim.metrics.frechet import require_images
 from jaxsim.metrics.inception import open_extractor
+from jaxsim.runs.frames import judges_of
 from jaxsim.runs.kinds import kind_of
 from jaxsim.runs.run import load_run
 from jaxsim.studies.ablation import besides, compare_networks, train_all
@@ -72,6 +75,10 @@ def ablation(args: Ablation, *, flags: Sequence[str] = ()) -> None:
             raise ValueError(
                 f"ablation: {args.train} trains {kind_of(asked).name}; give one that trains an intensity network"
             )
+        if extractor:
+            # Too few frames to judge are told before five networks are trained.
+            judges = judges_of(None, open_dataset(asked.data), frames=args.frames, validation=asked.data.validation)
+            require_images(len(judges), extractor.width, name=extractor.score)
         folders = train_all(args.train, args.out, flags, more=besides(asked.prepare.inputs))
     unmeasured = None
     if args.also.foreign:

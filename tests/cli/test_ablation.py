@@ -85,6 +85,12 @@ def test_runs_that_differ_in_more_than_their_inputs_are_refused(runs, work):
         (Ablation(train="penet_synthetic"), (), "penet_synthetic trains a depth completion network"),
         (Ablation(runs=(Path("nowhere"),)), (), "no config.json in nowhere"),
         (Ablation(runs=(Path("a"),), fid="nowhere.npz"), (), "nowhere.npz"),
+        # Before any of five networks is trained.
+        (
+            Ablation(train="ablation", fid="random", fid_features=64),
+            ("--data.validation", "1920-1922:2"),
+            "2 frames to judge, 64 features",
+        ),
     ],
 )
 def test_wrong_arguments_say_what_is_right(args, flags, message):

@@ -18,6 +18,8 @@ from jaxsim.studies.segmentation import networks
 
 INTENSITIES = ("none", "simulated", "measured")
 """Intensities that networks learn from, in the order of the table."""
+NOTHING_IOU = 0.0005
+"""Gains of mean IoU up to this are printed as 0."""
 Confusion = Int[np.ndarray, "classes classes"]
 """Cells by true class (rows) and told class (columns), of all that returned and have a label."""
 
@@ -186,7 +188,8 @@ class Study:
         words = (
             f"Measured intensity is worth {gain:+.3f} of mean IoU; simulated intensity {100 * share:.0f} % of that."
             if np.isfinite(share)
-            else "Measured intensity is worth nothing here, so simulated intensity has nothing to be measured by."
+            else f"Measured intensity is worth {gain:+.3f} of mean IoU: nothing, or no more than seeds scatter, so "
+            "simulated intensity has nothing to be measured by."
         )
         seeds = len(self.config.seeds)
         words += " One seed: the spread is not known." if seeds == 1 else ""
@@ -219,11 +222,13 @@ def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> float:
 
 
 def worth(iou: Mapping[str, Float[np.ndarray, "seeds known"]]) -> float:
-    """What simulated intensity gains over none, as a share of what measured intensity does; NaN where that is
-    nothing."""
+    """What simulated intensity gains over none, as a share of what measured intensity does; NaN where that is nothing,
+    or no more than seeds scatter."""
     mean = {kind: mean_iou(iou[kind]) for kind in INTENSITIES}
     room = mean["measured"] - mean["none"]
-    return (mean["simulated"] - mean["none"]) / room if room > 0 else float("nan")
+    by_seed = np.nanmean(iou["measured"], axis=1) - np.nanmean(iou["none"], axis=1)
+    scatter = float(by_seed.std(ddof=1)) if len(by_seed) > 1 else 0.0
+    return (mean["simulated"] - mean["none"]) / room if room > max(scatter, NOTHING_IOU) else float("nan")
 
 
 def _cell(values: Float[np.ndarray, " seeds"]) -> str:

@@ -78,3 +78,8 @@ def test_the_worth_is_the_share_of_the_gain():
     rows = {"none": [[0.2, 0.4]], "simulated": [[0.5, 0.5]], "measured": [[0.6, 0.6]]}
     assert worth({k: np.array(x) for k, x in rows.items()}) == pytest.approx(2 / 3)
     assert np.isnan(worth({k: np.array(rows["none"]) for k in INTENSITIES}))
+    # A gain that is printed as 0, or less than seeds scatter, has no shares.
+    slight = {"none": [[0.2, 0.4]], "simulated": [[0.2, 0.4]], "measured": [[0.2004, 0.4004]]}
+    assert np.isnan(worth({k: np.array(x) for k, x in slight.items()}))
+    by_seed = {"none": [[0.2], [0.2]], "simulated": [[0.21], [0.21]], "measured": [[0.2], [0.24]]}
+    assert np.isnan(worth({k: np.array(x) for k, x in by_seed.items()}))
