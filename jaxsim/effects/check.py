@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from keyword import iskeyword
 from typing import Any
 
 import jax
@@ -103,7 +104,8 @@ def check_row(effect: Effect) -> None:
 
 def may_be_called(name: Any) -> bool:
     """Whether an effect may have a name, if it is not taken."""
-    return isinstance(name, str) and name.isidentifier() and name.islower() and name not in RESERVED
+    lower = isinstance(name, str) and name.isascii() and name.isidentifier() and name.islower()
+    return lower and not iskeyword(name) and name not in RESERVED
 
 
 def _check_parameter(name: str, p: Parameter) -> None:

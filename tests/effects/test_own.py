@@ -44,7 +44,9 @@ def test_the_file_that_is_written_to_begin_with_joins_at_the_end_of_its_stage(tm
     assert f"source: rain_on_lens.py, SHA-256 {sha256}" in describe(get_effect("rain_on_lens"))
 
 
-@pytest.mark.parametrize(("name", "why"), [("Rain", "no name"), ("two words", "no name"), ("beam_gain", "taken")])
+@pytest.mark.parametrize(
+    ("name", "why"), [("Rain", "no name"), ("class", "no name"), ("ünï", "no name"), ("beam_gain", "taken")]
+)
 def test_a_name_that_cannot_be_one_is_refused(tmp_path, name, why):
     with pytest.raises(ValueError, match=f"'{name}' is {why}"):
         write_template(name, tmp_path / "x.py")

@@ -166,12 +166,11 @@ def product_basis(
     problem: Problem, names: Sequence[str], knots: Sequence[Float[np.ndarray, " _"]]
 ) -> Float[np.ndarray, "n k"]:
     """The products of two covariates' hat functions with these knots, of all rays that hit anything."""
-    first, second = (hats(values_along(problem, name), at) for name, at in zip(names, knots, strict=True))
-    return products(first, second)
+    return products(*[hats(values_along(problem, name), at) for name, at in zip(names, knots, strict=True)])
 
 
 def heights_at(
-    here: Problem, there: Problem, covariate: str, numbers: Float[np.ndarray, " 36"]
+    here: Problem, there: Problem, *, covariate: str, numbers: Float[np.ndarray, " 36"]
 ) -> Float[np.ndarray, " n"]:
     """The height at each ray of `here` that hits anything of a curve that was fitted to the rays of `there`."""
     names = parts_of(covariate)

@@ -137,7 +137,8 @@ class OtherSides:
             return False
         fits = [np.asarray(values["height"]) for values in curve.fitted_values]
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
-        column = heights_at(self.null_model.problem, there, along.covariate, np.mean(fits, axis=0))
+        told = {"covariate": along.covariate, "numbers": np.mean(fits, axis=0)}
+        column = heights_at(self.null_model.problem, there, **told)
         problem = with_columns(self.null_model.problem, column[:, None].astype(np.float32))
         effect = CURVES[along.change]
         unit = np.zeros_like(fits[0])
