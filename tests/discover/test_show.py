@@ -110,10 +110,12 @@ def test_effects_that_follow_the_reported_intensity_alone_are_judged_by_it(stage
     neutral = replace(one, effect=walk, fit=replace(one.fit, z=to_z(walk, {}, rows), noise=null.problem.noise))
     shifted = replace(neutral, fit=replace(neutral.fit, z=to_z(walk, {"amplitude_m": 0.3}, rows)))
     assert judged_by_reported(null, replace(added, refits=(neutral,)))["range_walk"] == pytest.approx(0, abs=0.1)
-    # Of losses that another effect explains nothing is left beside it; alone, the null's are what there is.
+    # Losses that another effect explains are in place beside it, and so is the noise that is left of them.
+    loss = EFFECTS["random_dropout"]
+    others = replace(one, effect=loss, fit=replace(one.fit, z=to_z(loss, {"probability": 0.3}, rows)))
     noise = null.problem.noise
     beside = replace(neutral, fit=replace(neutral.fit, noise=replace(noise, drop=noise.drop - 5)))
-    assert judged_by_reported(null, replace(added, refits=(beside,)))["range_walk"] == pytest.approx(0, abs=0.1)
+    assert judged_by_reported(null, replace(added, refits=(beside, others)))["range_walk"] == pytest.approx(0, abs=0.1)
     assert abs(judged_by_reported(null, replace(added, refits=(shifted,)))["range_walk"]) > 1
 
 

@@ -88,19 +88,23 @@ def gap_with(
 
 
 def judged_by_reported(null_model: NullModel, added: Added) -> dict[str, float]:
-    """What judge scenes gain by each named effect that follows the intensity which was reported, alone, with the
-    parameters that were fitted: nats a scene. The gap is that of simulations, which know the simulated intensity."""
+    """What judge scenes gain by each named effect that follows the intensity which was reported, with all others in
+    place and the parameters that were fitted: nats a scene. The gap is that of simulations, which know the simulated
+    intensity."""
     held = [one for one in added.refits if by_reported(one.effect)]
     if not held:
         return {}
     every = AllScenes.of(null_model)
-    before, judged = every.problem_with(), every.in_fit == 0
-    without = score_at(NOTHING, before, every.in_fit, z={}, noise=before.noise)
+    judged = every.in_fit == 0
     gained = {}
     for one in held:
-        # Beside all others it leaves less noise and fewer losses than it does alone.
-        alone = fit(one.effect, null_model.problem, starts=(host_values(one.effect, one.fit.z),), fixed=True)
-        after = score_at(one.effect, before, every.in_fit, z=alone.z, noise=alone.noise)
+        others = [(other.effect, other.fit.z) for other in added.refits if other is not one]
+        null = refitted(in_place(null_model.problem, others))
+        before = every.problem_with(others, null.noise)
+        without = score_at(NOTHING, before, every.in_fit, z={}, noise=null.noise)
+        # The parameters stay as they are: only the noise is fitted, as it is without the effect.
+        beside = fit(one.effect, null, starts=(host_values(one.effect, one.fit.z),), fixed=True)
+        after = score_at(one.effect, before, every.in_fit, z=beside.z, noise=beside.noise)
         by_block = (after - without)[judged][:, score_columns(one.effect)].sum(-1)
         gained[one.effect.plain_name] = float(by_block.sum() / len(np.unique(every.scene[judged])))
     return gained
@@ -182,16 +186,16 @@ def judge_known(
     return shown.gap, shown.closure
 
 
-def without_unconfirmed(verdict: Verdict, alone: Mapping[str, float] | None = None) -> Verdict:
+def without_unconfirmed(verdict: Verdict, apart: Mapping[str, float] | None = None) -> Verdict:
     """The verdict without the effects by which its judge scenes do not gain, or next to nothing of what scenes gained
-    on which they were found: these are kept as `unconfirmed`. The gap still shows what all of them do. `alone` is what
+    on which they were found: these are kept as `unconfirmed`. The gap still shows what all of them do. `apart` is what
     these scenes gain by effects that the gap cannot judge (`judged_by_reported`), by name.
 
     The mean decides, not its interval: judge scenes are few, and right effects may be rare or weak
     (`Rules.confirmed_nats`, `Rules.confirmed_share`).
     """
-    alone = alone or {}
-    gained = [alone.get(one.name, verdict.judged_nats(*coupled(one.channels))) for one in verdict.effects]
+    apart = apart or {}
+    gained = [apart.get(one.name, verdict.judged_nats(*coupled(one.channels))) for one in verdict.effects]
     lost = tuple(
         one
         for one, nats in zip(verdict.effects, gained, strict=True)

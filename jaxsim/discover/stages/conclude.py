@@ -50,7 +50,7 @@ class Shown:
     rest: JudgedRest
     maps: tuple[dict[str, Float[np.ndarray, "r c"]], dict[str, Float[np.ndarray, "r c"]]]
     """Residuals before and after, of all frames where these were judged."""
-    alone: dict[str, float]
+    apart: dict[str, float]
     """`judged_by_reported`."""
 
 
@@ -73,8 +73,8 @@ def show(asked: Asked, completed: Completed, *, every_frame: bool, log: Log) -> 
         log(f"judging the other {len(comparison.rest.names)} frames")
         held = HeldAnswer(found.null_model, added.chain, choice.problem.noise, asked.placed.knock)
         rest = judge_rest(comparison, asked.placed.mounting, held)
-    alone = judged_by_reported(found.null_model, added)
-    return Shown(judged, levels, objects, sensitive, rest, rest.maps or maps, alone)
+    apart = judged_by_reported(found.null_model, added)
+    return Shown(judged, levels, objects, sensitive, rest, rest.maps or maps, apart)
 
 
 def verdict_of(
@@ -133,7 +133,7 @@ def result_of(
     grid, control = placed.comparison.scan.grid, placed.division.control
     verdict = verdict_of(asked, divided, completed, shown=shown, given=given, seconds=seconds)
     of_mounting = named_mounting(placed.mounting, placed.division.parts, rows=len(grid.elevation_rad))
-    verdict = with_placed(without_unconfirmed(verdict, shown.alone), placed.of_drive.effects, how=placed.of_drive.how)
+    verdict = with_placed(without_unconfirmed(verdict, shown.apart), placed.of_drive.effects, how=placed.of_drive.how)
     verdict = with_placed(verdict, *of_mounting, how=BY_RANGES)
     if placed.knock:
         sure, others, regimes = named_knock(placed.knock, placed.comparison, placed.division.parts)
