@@ -156,8 +156,8 @@ def input_panels(painted: Painted) -> list[tuple[str, Rgb]]:
 
 
 def pair_picture(pair: Pair, predicted: Raster, *, title: str, spread: Raster | None = None) -> Rgb:
-    """Input, prediction, measurement and their difference, one above the other; and, where the network gives one, the
-    width of the interval that it holds nine tenths of the measurements to lie in."""
+    """Input, prediction (0 is a lost ray), measurement and their difference, one above the other; and, where the network
+    gives one, the width of the interval that it holds nine tenths of the measurements to lie in."""
     painted, measured = pair.painted, pair.measured
     seen, returned = np.asarray(painted.valid), np.asarray(measured.valid)
     both = seen & returned
@@ -166,7 +166,7 @@ def pair_picture(pair: Pair, predicted: Raster, *, title: str, spread: Raster | 
     mean = f"mean {error[both].mean():.3f}" if both.any() else "no cell"
     panels = [
         *input_panels(painted),
-        (f"predicted intensity (0-0.6), {title}", intensity_panel(predicted, seen)),
+        (f"predicted intensity (0-0.6), {title}", intensity_panel(predicted, seen & (predicted > 0))),
         ("measured intensity", intensity_panel(intensity, returned)),
         (f"absolute difference (0-0.3), {mean}", colour_scalar(error, both, low=0.0, high=0.3)),
     ]

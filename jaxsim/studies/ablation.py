@@ -220,7 +220,9 @@ def ablation_picture(painted: Painted, predicted: Mapping[str, Raster], measured
     if measured is not None:
         panel = intensity_panel(np.asarray(measured.intensity), np.asarray(measured.valid))
         inputs.append(("measured intensity", panel))
-    outputs = [(name, intensity_panel(np.asarray(intensity), valid)) for name, intensity in predicted.items()]
+    # A network's 0 is a lost ray.
+    shown = {name: np.asarray(intensity) for name, intensity in predicted.items()}
+    outputs = [(name, intensity_panel(intensity, valid & (intensity > 0))) for name, intensity in shown.items()]
     return beside([strip(panels, width=744) for panels in (inputs, outputs)])
 
 

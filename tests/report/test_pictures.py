@@ -87,6 +87,21 @@ def test_classes_are_a_panel_where_the_camera_knows_them(pair: Pair):
     assert len(input_panels(unknown)) == 2
 
 
+def test_a_networks_0_is_a_lost_ray(pair: Pair, monkeypatch):
+    drawn = []
+
+    def panel(intensity, valid):
+        drawn.append(valid)
+        return intensity_panel(intensity, valid)
+
+    monkeypatch.setattr("jaxsim.report.pictures.intensity_panel", panel)
+    predicted = np.asarray(pair.target).copy()
+    predicted[0] = 0
+    pair_picture(pair, predicted, title="step 3")
+    assert not drawn[0][0].any()
+    assert drawn[0][1:].all()
+
+
 def test_prediction_measurement_and_difference_lie_below_the_input(pair: Pair):
     picture = pair_picture(pair, np.asarray(pair.target), title="step 3")
     simulated = simulated_picture(pair.measured, pair.painted, title="frame")
