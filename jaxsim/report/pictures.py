@@ -156,8 +156,8 @@ def input_panels(painted: Painted) -> list[tuple[str, Rgb]]:
 
 
 def pair_picture(pair: Pair, predicted: Raster, *, title: str, spread: Raster | None = None) -> Rgb:
-    """Input, prediction (0 is a lost ray), measurement and their difference, one above the other; and, where the network
-    gives one, the width of the interval that it holds nine tenths of the measurements to lie in."""
+    """Input, prediction (0 is a lost ray), measurement and their difference, one above the other; and, where the
+    network gives one, the width of the interval that it holds nine tenths of the measurements to lie in."""
     painted, measured = pair.painted, pair.measured
     seen, returned = np.asarray(painted.valid), np.asarray(measured.valid)
     both = seen & returned

@@ -108,7 +108,6 @@ def trained_by_two(work: Path, *flags: str) -> list[str]:
         return [one.result() for one in each]
 
 
-@pytest.mark.slow
 def test_two_processes_train_and_resume_the_run_that_one_trains(work):
     first, second = trained_by_two(work, "--run.name=shared")
     assert "6 steps done" in first
