@@ -64,7 +64,9 @@ class Additive:
         self.parts = [np.flatnonzero(fitted == 0) for fitted in folds(scene, RULES.additive_folds)]
         # Products in single precision are summed in double: the systems that are solved hold all folds but one.
         held_out = [x[part] for part in self.parts]
-        self.squares = [(design.T @ design).astype(np.float64) for design in held_out]
+        squares = [(design.T @ design).astype(np.float64) for design in held_out]
+        # Of all folds but one: no curve is fitted again from its rays.
+        self.squares = [sum(squares) - own for own in squares]
         self.held_out = [design.astype(np.float64) for design in held_out]
         self.products = [design.T @ z[part] for design, part in zip(self.held_out, self.parts, strict=True)]
 
@@ -86,8 +88,8 @@ class Additive:
         return [slice(0, 1), *(self.columns[name] for name in names)]
 
     def _gram(self, k: int, used: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k k"]:
-        """Sums of squares of the columns used, of all folds but one: no curve is fitted again from its rays."""
-        return (sum(self.squares) - self.squares[k])[np.ix_(used, used)] + RULES.ridge * np.eye(len(used))
+        """The matrix of a fit to all folds but one, of the columns used."""
+        return self.squares[k][np.ix_(used, used)] + RULES.ridge * np.eye(len(used))
 
     def by_scene(self, before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]) -> Float[np.ndarray, " s"]:
         """Held-out gain of each scene from one prediction to another, nats: mostly below 0 where there is nothing to
