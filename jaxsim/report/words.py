@@ -140,11 +140,15 @@ def verdict_sentence(verdict: Verdict) -> str:
     besides = f" Besides, {repeat_in_words(verdict.repeats[0])}." if verdict.repeats else ""
     besides += _together(verdict)
     besides = "".join(_acts(one) for one in verdict.regimes) + besides
+    unexplained = verdict.unexplained
+    repeats = unexplained and verdict.repeats and unexplained.formula == verdict.repeats[0].formula
     if verdict.verdict == "named":
+        if unexplained and not repeats:
+            besides = f" Besides, there is a {dependence(unexplained)} that is not in the catalogue.{besides}"
         return lacks + _closed(verdict) + "." + _choice(verdict) + besides
     if verdict.verdict == "not_in_catalogue":
-        rest = f": a {dependence(verdict.unexplained)}" if verdict.unexplained else ""
-        if verdict.repeats and verdict.unexplained and verdict.unexplained.formula == verdict.repeats[0].formula:
+        rest = f": a {dependence(unexplained)}" if unexplained else ""
+        if repeats:
             # What repeats is all that there is.
             rest, besides = f": {repeat_in_words(verdict.repeats[0])}", ""
         head = f"{lacks}, and something else" if lacks else "The simulation lacks something"

@@ -70,6 +70,15 @@ def test_what_repeats_is_in_the_sentence():
     assert verdict_sentence(beside).endswith(f"periodic dependence of intensity on range. Besides, {ripple}")
     named = replace(results.named().verdict, repeats=found.repeats)
     assert verdict_sentence(named).endswith(f"Besides, {ripple}")
+    # Where what repeats is what stays unexplained it is told once.
+    assert verdict_sentence(replace(named, unexplained=found.unexplained)) == verdict_sentence(named)
+
+
+def test_what_stays_unexplained_beside_a_name_is_in_the_sentence():
+    verdict = replace(results.named().verdict, unexplained=results.not_in_catalogue().verdict.unexplained)
+    assert verdict_sentence(verdict).endswith(
+        " Besides, there is a periodic dependence of intensity on range that is not in the catalogue."
+    )
 
 
 def test_what_the_simulator_gets_wrong_is_told_apart_from_what_it_lacks():
