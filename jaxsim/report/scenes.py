@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import logging
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -88,31 +89,34 @@ def packed(
     """The viewer's JSON, at most MOST_BYTES: of larger clouds every second, third ... point is kept, and where boxes
     alone are too many the first scenes are, which is told.
 
-    `rows`, `columns` and `groups` of columns are those of the maps. Raises ValueError for no scene, or no channel.
+    `rows`, `columns` and `groups` of columns are those of the maps. Raises ValueError for no scene, no channel, and
+    a scene whose boxes alone are too many.
     """
     if not scenes or not channels:
         raise ValueError(f"scenes: {len(scenes)} scenes and {len(channels)} channels; a viewer needs one of each")
-    step = 1
-    shown = scenes
-    while True:
+    grid = {"rows": rows, "columns": columns, "groups": groups}
+    told = [_channel(one) for one in channels]
+
+    def with_every(step: int) -> Markup:
         content = {
-            "grid": {"rows": rows, "columns": columns, "groups": groups},
+            "grid": grid,
             "every": step,
-            "channels": [_channel(one) for one in channels],
+            "channels": told,
             "scenes": [_scene(one, channels, step) for one in shown],
         }
-        text = htmlsafe_json_dumps(content, separators=(",", ":"))
-        if len(text) <= MOST_BYTES:
-            return text
-        points = max(len(side.xyz) for one in shown for side in one.sides if side.xyz is not None)
-        if step < points:
-            step = max(step + 1, round(step * len(text) / MOST_BYTES))
-        elif len(shown) > 1:
-            # A point a side is left, and the rest is boxes.
-            step, shown = 1, shown[: len(shown) // 2]
-            _log.info(f"scenes: the first {len(shown)} of {len(scenes)} fit into the page, with all their boxes")
-        else:
+        return htmlsafe_json_dumps(content, separators=(",", ":"))
+
+    shown = scenes
+    # With a point a side nearly all is boxes, which cannot be thinned.
+    while (fixed := len(with_every(sys.maxsize))) > MOST_BYTES:
+        if len(shown) == 1:
             raise ValueError(f"scenes: the boxes of {shown[0].name} alone are more than a page holds; show fewer")
+        shown = shown[: len(shown) // 2]
+        _log.info(f"scenes: the first {len(shown)} of {len(scenes)} fit into the page, with all their boxes")
+    step = 1
+    while len(text := with_every(step)) > MOST_BYTES:
+        step = max(step + 1, round(step * (len(text) - fixed) / max(MOST_BYTES - fixed, 1)))
+    return text
 
 
 def _channel(one: Channel) -> dict[str, str]:

@@ -206,8 +206,8 @@ def simulate_folder(
     if effects_model:
         first_s = begin_of(dataset)
         # Refused before the folder is claimed, not at the first frame that is written.
-        for frame in _first_read(dataset, positions):
-            check_motion(effects_model, **motion_of(frame, first_s))
+        if first := _first_read(dataset, positions):
+            check_motion(effects_model, **motion_of(first, first_s))
     claim_effects(out, effects_model)
     claim_frames(
         out,
@@ -234,12 +234,12 @@ def simulate_folder(
     return Speed(missing, already, maker.batch, tuple(batches_s), time.monotonic() - begun)
 
 
-def _first_read(dataset: Dataset, positions: Sequence[int]) -> list[Frame]:
-    """The first of these frames that can be read; none where none can, of which `simulate_folder` tells."""
+def _first_read(dataset: Dataset, positions: Sequence[int]) -> Frame | None:
+    """The first of these frames that can be read; None where none can, of which `simulate_folder` tells."""
     for position in positions:
         with suppress(ValueError, OSError):
-            return [dataset[position]]
-    return []
+            return dataset[position]
+    return None
 
 
 def _missing_batches(

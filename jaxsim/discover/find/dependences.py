@@ -110,7 +110,7 @@ class Additive:
         The agreement is the sum of residual times prediction, in units of what it varies by so.
         """
         residual = self.z - before
-        products = np.zeros((self.scenes, sum(design.shape[1] for design in self.held_out[:1])))
+        products = np.zeros((self.scenes, self.held_out[0].shape[1]))
         for part, x in zip(self.parts, self.held_out, strict=True):
             for scene in np.unique(self.scene[part]):
                 of_scene = self.scene[part] == scene

@@ -27,8 +27,8 @@ Return and range: one mixture a ray, columns whole (`likelihood.return_terms`, `
     p(none)   = (1 - C) (1 - G) (1 - K_i - B_i)
     K_i       = keep_i (1 - q_drop)                  surface's echo is reported; q_drop: smooth, edge, beside the sky
                 q_false                              where the simulated ray hits nothing; another at edges
-    B_i       = (1 - keep_i) q_switch (1 - q_drop)   at edges: it is lost, and a neighbour's reported in its place, as
-                                                     far as the neighbours hit anything
+    B_i       = (1 - keep_i) q_switch (1 - q_drop)   at edges: it is lost, and a neighbour's reported in its place
+    q_switch                                         a rate times the share of the four neighbours that hit anything
     h(d)      = (1 - M) surface(d) + M between(d)    M mixed pixels: even between the surface and the one beside it
                 near(d) / 2 + 1 / 200 m              where the simulated ray hits nothing
     surface(d) = (1 - q_wide - q_switch) t4(d - r_i - shift_i(u); V_i)                 core

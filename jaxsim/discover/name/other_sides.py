@@ -136,10 +136,10 @@ class OtherSides:
         if along.channel not in channels:
             return False
         fits = [np.asarray(values["height"]) for values in curve.fitted_values]
+        here = self.null_model.problem
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
-        told = {"covariate": along.covariate, "numbers": np.mean(fits, axis=0)}
-        column = heights_at(self.null_model.problem, there, **told)
-        problem = with_columns(self.null_model.problem, column[:, None].astype(np.float32))
+        column = heights_at(here, there, covariate=along.covariate, numbers=np.mean(fits, axis=0))
+        problem = with_columns(here, column[:, None].astype(np.float32))
         effect = CURVES[along.change]
         unit = np.zeros_like(fits[0])
         unit[0] = 1.0
