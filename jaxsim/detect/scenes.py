@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from jaxsim.files import check_name, kept_files, making, read_arrays, stamp_of, write_arrays
+from jaxsim.files import check_name, kept_files, making, read_arrays, stamp_of, tidy, write_arrays
 from jaxsim.frame import Boxes, Frame
 from jaxsim.geometry.boxes import DIFFICULTIES, lidar_boxes
 from jaxsim.geometry.points import check_points as points_of_lidar
@@ -140,6 +140,8 @@ def cached_scenes(
     stamps = [stamp_of(dataset, i) for i in positions]
     files = kept_files(folder, dataset, positions, stamps=stamps, by="detect")
     missing = [(i, file) for i, file in zip(positions, files, strict=True) if not file.is_file()]
+    if missing:
+        tidy(folder)
     for i, file in Progress(missing, desc="scenes", unit="frame", disable=not missing):
         write_scene(file, scene_of_frame(dataset[i], kind, in_image=in_image))
     return Scenes(files)

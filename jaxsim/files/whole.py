@@ -4,24 +4,32 @@ from __future__ import annotations
 
 import errno
 import glob
+import hashlib
 import math
 import os
 import re
 import secrets
+import socket
 import stat
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-TEMPORARY = re.compile(r"\.\d+\..+")
-"""Names of `replacing`'s temporary files."""
 SALT = f"{secrets.randbelow(10**9):09d}"
-"""Of this process's: on another machine that shares the disk another process may have the same number."""
+"""Of this process's temporary files: one before it may have had the same number."""
+HOST = hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
+"""Of this machine's: others may share the disk."""
+TEMPORARY = re.compile(r"\.jaxsim-([0-9a-f]{8})-(\d+)-(\d{9})\.(.+)", re.DOTALL)
+"""Names of `replacing`'s temporary files: machine, process, its salt, and what the file will be called. No other
+program's hidden files have such names."""
+DAY_S = 86400.0
+"""What nobody has written to for so long was left by a process that has ended, wherever it ran."""
 MOST_BYTES = 4 * 2**30
 """No file that is read whole is larger."""
 LONGEST_NAME = 200
-"""Characters of a file's name, its suffix left out: what any file system holds."""
+"""Bytes of a file's name, its suffix left out: what any file system holds, with what `replacing` puts before it."""
 
 
 @contextmanager
@@ -38,7 +46,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
         raise ValueError(f"{path} is a device or a pipe, and a file would take its place; name a file")
     path.parent.mkdir(parents=True, exist_ok=True)
     # The suffix stays last: writers such as numpy and OpenCV choose the format by it.
-    temporary = path.with_name(f".{os.getpid()}{SALT}.{path.name}")
+    temporary = path.with_name(temporary_name(path.name))
     try:
         # A link that lies there would be written through.
         temporary.unlink(missing_ok=True)
@@ -51,6 +59,11 @@ def replacing(path: Path | str) -> Iterator[Path]:
         if error.errno is not None and error.filename in (None, str(temporary), temporary):
             error.filename = str(path)
         raise
+
+
+def temporary_name(name: str) -> str:
+    """What this process calls a file of this name until it is whole."""
+    return f".jaxsim-{HOST}-{os.getpid()}-{SALT}.{name}"
 
 
 def write_text(path: Path | str, text: str) -> Path:
@@ -101,26 +114,35 @@ def files_below(folder: Path | str, suffix: str) -> Iterator[Path]:
 def tidy(folder: Path | str) -> int:
     """Removes what killed processes left half written in a folder and below it; how many files that were.
 
-    Only for who holds the folder's lock: another's temporaries are no leftovers. A folder below that has a lock of its
-    own is passed over, and so are links.
+    What a process that still runs is writing stays, and so does every other program's hidden file. Links are passed
+    over.
     """
-    removed = 0
-    for where, folders, names in os.walk(folder):
-        folders[:] = [name for name in folders if not os.path.lexists(os.path.join(where, name, ".lock"))]
-        for name in filter(TEMPORARY.fullmatch, names):
-            Path(where, name).unlink(missing_ok=True)
-            removed += 1
-    return removed
+    left = [(where, of) for where, _, names in os.walk(folder) for of in map(TEMPORARY.fullmatch, names) if of]
+    return sum(_removed(Path(where, of[0]), of) for where, of in left)
 
 
 def tidy_file(path: Path | str) -> None:
     """Removes what killed processes left half written of a file, which lies beside it; not what one that still runs is
     writing there."""
     path = Path(path)
-    temporary = re.compile(rf"\.(\d+)\d{{{len(SALT)}}}\.{re.escape(path.name)}")
-    for beside in path.parent.glob(f".*.{glob.escape(path.name)}"):
-        if (of := temporary.fullmatch(beside.name)) and _has_ended(int(of[1])):
-            beside.unlink(missing_ok=True)
+    for beside in path.parent.glob(f".jaxsim-*.{glob.escape(path.name)}"):
+        if (of := TEMPORARY.fullmatch(beside.name)) and of[4] == path.name:
+            _removed(beside, of)
+
+
+def _removed(path: Path, of: re.Match[str]) -> bool:
+    """Removes a temporary file of this name if its writer has ended, by its number where it ran here; whether it
+    did."""
+    host, process, salt, _ = of.groups()
+    try:
+        ended = time.time() - path.lstat().st_mtime > DAY_S
+    except FileNotFoundError:  # it was put in place, or removed by another
+        return False
+    if host == HOST:
+        ended |= salt != SALT if int(process) == os.getpid() else _has_ended(int(process))
+    if ended:
+        path.unlink(missing_ok=True)
+    return ended
 
 
 def _has_ended(process: int) -> bool:
@@ -151,11 +173,16 @@ def check_name(name: str, *, by: str) -> str:
 
     Raises ValueError for a path, for names that are hidden, empty or too long, and for control characters.
     """
-    if not name or name.startswith(".") or len(name) > LONGEST_NAME or re.search(r"[/\\:\x00-\x1f\x7f]", name):
+    if (
+        not name
+        or name.startswith(".")
+        or len(name.encode(errors="surrogatepass")) > LONGEST_NAME
+        or re.search(r"[/\\:\x00-\x1f\x7f]", name)
+    ):
         shown = repr(name if len(name) <= 60 else f"{name[:57]}...")
         raise ValueError(
             f"{by}: {shown} came as a frame's name and would become a file's; it must be 1 to {LONGEST_NAME} "
-            "characters without / \\ : and control characters, and must not begin with a dot"
+            "bytes without / \\ : and control characters, and must not begin with a dot"
         )
     return name
 

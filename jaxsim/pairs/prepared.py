@@ -24,7 +24,7 @@ from jaxsim.data.records import (
     record_of,
 )
 from jaxsim.devices import wait
-from jaxsim.files import check_name, kept_files, making, placed, read_arrays, stamp_of, write_arrays
+from jaxsim.files import check_name, kept_files, making, placed, read_arrays, stamp_of, tidy, write_arrays
 from jaxsim.frame import Frame, Pair
 from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
@@ -121,6 +121,7 @@ def _make(dataset: Any, missing: Sequence[tuple[int, Path]], *, kind: str, prepa
     """The pairs of frames by their positions, and the files that they go to."""
     if missing:
         check_networks(prepare)
+        tidy(missing[0][1].parent)
     for i, file in Progress(missing, desc=f"preparing {kind}", unit="frame", disable=not missing):
         write_arrays(file, kept_of(make_record(dataset[i], i, dataset.spec, prepare=prepare)))
 

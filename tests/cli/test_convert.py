@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.cli import main
 from jaxsim.cli.convert import CONVERTERS
-from jaxsim.files.whole import SALT
+from jaxsim.files.whole import HOST, SALT
 from jaxsim.pix2pix.losses import VGG_BLOCKS, load_vgg
 from jaxsim.prepare.depth import penet
 from jaxsim.prepare.depth.penet import open_penet
@@ -42,7 +42,7 @@ def test_the_perceptual_loss_reads_what_convert_writes(vgg, tmp_path, capsys):
 def test_what_a_killed_command_left_half_written_goes(vgg, tmp_path):
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    (tmp_path / f".{ended.pid}{SALT}.out.npz").write_bytes(b"half")
+    (tmp_path / f".jaxsim-{HOST}-{ended.pid}-{SALT}.out.npz").write_bytes(b"half")
     main(["convert", "vgg19", str(vgg), "--out", str(tmp_path / "out.npz")])
     assert {path.name for path in tmp_path.iterdir()} == {"vgg.npz", "out.npz"}
 

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.cli import main
 from jaxsim.data.polar_frames import open_polar_frames
-from jaxsim.files.whole import SALT
+from jaxsim.files.whole import HOST, SALT
 from tests.data.logs.conftest import room
 from tests.data.logs.made_logs import pcd
 
@@ -73,7 +73,7 @@ def test_frames_become_an_mcap_that_becomes_the_same_frames(tmp_path):
 def test_a_recording_that_a_killed_command_left_half_written_goes(tmp_path):
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    (tmp_path / f".{ended.pid}{SALT}.a.mcap").write_bytes(b"half")
+    (tmp_path / f".jaxsim-{HOST}-{ended.pid}-{SALT}.a.mcap").write_bytes(b"half")
     with pytest.raises(SystemExit, match=r"no grid\.json"):
         main(["frames", str(tmp_path), "--to", "mcap", "--out", str(tmp_path / "a.mcap")])
     assert not [*tmp_path.iterdir()]

@@ -4,6 +4,7 @@ import errno
 import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from jaxsim.files import (
     write_image,
     write_text,
 )
-from jaxsim.files.whole import SALT
+from jaxsim.files.whole import HOST, SALT, temporary_name
 from jaxsim.frame import PolarImage
 from jaxsim.metrics.detection.files import frames_with_results
 from tests.full_disk import no_file_above
@@ -63,27 +64,35 @@ def test_files_below_follows_links_but_no_circle_and_tells_of_a_folder_it_may_no
 
 
 def test_the_next_run_tidies_what_is_its_own_alone(tmp_path):
-    (tmp_path / "polar").mkdir()
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / ".lock").touch()
-    for place in ("polar", "other"):
-        (tmp_path / place / ".4711.b.npz").touch()
-    (tmp_path / "polar" / ".hidden").touch()
-    (tmp_path / "polar" / "b.npz").touch()
-    assert tidy(tmp_path) == 1
-    assert sorted(path.name for path in (tmp_path / "polar").iterdir()) == [".hidden", "b.npz"]
-    assert (tmp_path / "other" / ".4711.b.npz").exists()
+    elsewhere = "0" * 8
+    polar = tmp_path / "run" / "polar"
+    polar.mkdir(parents=True)
+    left = [
+        f".jaxsim-{HOST}-{_ended()}-{SALT}.b.npz",
+        f".jaxsim-{HOST}-{os.getpid()}-{'0' * 9}.b.npz",  # of a process before this one that had its number
+        f".jaxsim-{elsewhere}-1-{SALT}.old.npz",
+    ]
+    # Of an editor, of rsync, of a user, of this process and of one on another machine that shares the disk.
+    others = [".000000.txt.swp", ".000000.bin.Ab12Cd", ".2024.notes.md", "b.npz"]
+    stay = [*others, temporary_name("b.npz"), f".jaxsim-{elsewhere}-1-{SALT}.b.npz"]
+    for name in (*left, *stay):
+        (polar / name).touch()
+    two_days_ago = time.time() - 2 * 86400
+    os.utime(polar / left[-1], (two_days_ago, two_days_ago))
+    assert tidy(tmp_path) == 3
+    assert {path.name for path in polar.iterdir()} == {*stay}
+
+
+def _ended():
+    """The number of a process that has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
 
 
 def test_what_a_killed_process_left_of_a_file_goes_and_what_one_that_runs_writes_stays(tmp_path):
-    ended = subprocess.Popen([sys.executable, "-c", ""])
-    ended.wait()
-    half = [
-        f".{ended.pid}{SALT}.a[1].mcap",
-        f".{os.getpid()}{SALT}.a[1].mcap",
-        f".{ended.pid}{SALT}.b.mcap",
-        "a[1].mcap",
-    ]
+    left = f".jaxsim-{HOST}-{_ended()}-{SALT}"
+    half = [f"{left}.a[1].mcap", temporary_name("a[1].mcap"), f"{left}.b.mcap", f"{left}.b.a[1].mcap", "a[1].mcap"]
     for name in half:
         (tmp_path / name).touch()
     tidy_file(tmp_path / "a[1].mcap")
@@ -138,7 +147,7 @@ def test_a_suffix_in_capitals_is_no_other(tmp_path):
 def test_a_link_where_the_temporary_goes_is_not_written_through(tmp_path):
     victim = tmp_path / "victim"
     victim.write_text("mine")
-    (tmp_path / f".{os.getpid()}{SALT}.a.txt").symlink_to(victim)
+    (tmp_path / temporary_name("a.txt")).symlink_to(victim)
     with replacing(tmp_path / "a.txt") as path:
         path.write_text("new")
     assert victim.read_text() == "mine"
