@@ -223,7 +223,9 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     for channel, old in (gate.baseline.get("gap") or {}).items():
         # What was not compared before is null, and the closure has no distance.
         if isinstance(old, dict) and isinstance(old.get("before"), int | float):
-            most, limit = old["before"] * (1 + RULES.gate_worse_share), f"{old['before']:.4g} before"
+            # Of a distance of nothing a share is nothing, and rounding alone is more.
+            most = max(old["before"] * (1 + RULES.gate_worse_share), RULES.gate_least)
+            limit = f"{old['before']:.4g} before"
             name = f"{channel} against baseline"
             checks.append(at_most(channel, most, name=name, limit=limit, unit=old.get("unit")))
     return tuple(checks)

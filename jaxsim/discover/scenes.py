@@ -28,6 +28,8 @@ from jaxsim.metrics.intervals import jackknife_half_width, student_reach
 
 ROUNDING = 1e-9
 """Of the sum of what is added, by which sums in another order may differ."""
+ORDER_PARTS = 64
+"""Parts in which orders are worked through."""
 MEDIAN_TO_SD = 1.4826
 """From a median absolute deviation to a normal's standard deviation."""
 
@@ -111,6 +113,11 @@ def orders_of(scenes: int) -> Int[np.ndarray, "k s"]:
     return rng.permuted(np.tile(np.arange(scenes), (RULES.sign_draws, 1)), axis=1)
 
 
+def orders_in_parts(scenes: int) -> list[Int[np.ndarray, "d s"]]:
+    """The orders a few at a time: of many scenes there are many thousand groups, and not all sums have room at once."""
+    return np.array_split(orders_of(scenes), ORDER_PARTS)
+
+
 def chance_of(by_chance: Float[np.ndarray, " k"], observed: float) -> float:
     """Probability of reaching `observed` by chance, from draws that do not hold what was measured: that is one more
     (Phipson & Smyth 2010). An `observed` that is no number is reached by all: it shows nothing."""
@@ -135,7 +142,8 @@ def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tu
     scaled = scaled_groups(whole)
     observed = scaled @ off
     best = int(observed.argmax())
-    return best, chance_of((off[orders_of(len(off))] @ scaled.T).max(1), observed[best])
+    largest = [(off[some] @ scaled.T).max(1) for some in orders_in_parts(len(off))]
+    return best, chance_of(np.concatenate(largest), observed[best])
 
 
 def strongest(scaled: Float[np.ndarray, "c s"], signs: Float[np.ndarray, "k s"]) -> Float[np.ndarray, " k"]:

@@ -2,8 +2,8 @@
 
 A street decides how bright and how far everything is; dirt on the window, a dying beam and a drifting emitter show in
 what a row or a sector has beside the rest of its frame. So rows and sectors are held against their own frame's median,
-scene by scene, and days against each other by the scatter between scenes. The road under the sensor is where it was,
-unless the sensor's ranges, its height or its tilt are not. A frame after the other is read and forgotten.
+scene by scene, and days against each other by how far chance sets scenes apart. The road under the sensor is where it
+was, unless the sensor's ranges, its height or its tilt are not. A frame after the other is read and forgotten.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames, scene_of
 from jaxsim.discover.read.checks import check_units
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import difference_interval, scene_means
+from jaxsim.discover.scenes import ROUNDING, orders_of, scene_means
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import grid_difference
 
@@ -126,19 +126,66 @@ def measure_names(grid: PolarGrid) -> list[tuple[str, str]]:
 def changes(
     before: Float[np.ndarray, "s k"], today: Float[np.ndarray, "t k"], names: Sequence[tuple[str, str]]
 ) -> tuple[Change, ...]:
-    """The questions whose answers differ between two days by more than scenes scatter (Welch's test)."""
+    """The questions whose answers differ between two days by more than chance makes one of them differ when the scenes
+    are dealt out to the days anew (max-T, Westfall & Young 1993): streets scatter by laws of their own, and a few of
+    them may by chance scatter little."""
+    known = np.stack([np.isfinite(day).sum(0) for day in (before, today)])
+    asked = np.flatnonzero((known >= RULES.fewest_for_scatter).all(0))
+    if not asked.size:
+        return ()
+    apart = Apart.of(np.concatenate([today, before])[:, asked])
+    is_today = np.arange(len(apart.off)) < len(today)
+    differences, strength = apart.differences(is_today[None])
+    by_chance = apart.differences(orders_of(len(apart.off)) < len(today))[1].max(1)
+    # Of so many draws the strongest, with what was measured one more: one beyond it is rarer than the chance allowed.
+    beyond = int(RULES.watch_chance * (1 + len(by_chance))) - 1
+    limit = np.sort(by_chance)[-1 - beyond]
+    half = apart.half_width(is_today, limit)
     changed = []
-    for k, (what, channel) in enumerate(names):
-        then = before[np.isfinite(before[:, k]), k]
-        now = today[np.isfinite(today[:, k]), k]
-        if min(len(then), len(now)) < RULES.fewest_for_scatter:
-            continue
-        # Bonferroni: all questions of a day share one chance of a false alarm.
-        low, high = difference_interval(now, then, level=1 - RULES.watch_chance / len(names))
-        value = float(now.mean() - then.mean())
-        # Intensities without any scatter say nothing of chance; a beam that always returns has none, nor a dead one.
-        certain = low < high or (channel == "returns" and abs(value) > RULES.watch_least)
-        if certain and (low > 0 or high < 0):
-            # Ranked in units of scatter: nats and shares do not compare.
-            changed.append((abs(value) / max(high - low, RULES.watch_least), Change(what, channel, value, low, high)))
+    for k in np.flatnonzero(strength[0] > limit + ROUNDING):
+        value, reach = float(differences[0, k]), float(half[k])
+        # Ranked in units of scatter: nats and shares do not compare.
+        rank = abs(value) / max(2 * reach, RULES.watch_least)
+        changed.append((rank, Change(*names[asked[k]], value=value, low=value - reach, high=value + reach)))
     return tuple(change for _, change in sorted(changed, key=lambda pair: -pair[0]))
+
+
+@dataclass(frozen=True)
+class Apart:
+    """Scenes of two days together, by which it is asked how far groups of them lie apart."""
+
+    off: Float[np.ndarray, "n k"]
+    """Numbers less the mean of all scenes; 0 where unknown."""
+    known: Bool[np.ndarray, "n k"]
+
+    @classmethod
+    def of(cls, numbers: Float[np.ndarray, "n k"]) -> Apart:
+        known = np.isfinite(numbers)
+        off = np.where(known, numbers - np.nanmean(numbers, axis=0), 0)
+        # Equal shares differ by rounding, which is no scatter.
+        return cls(np.where(np.abs(off) < ROUNDING, 0, off), known)
+
+    def differences(self, chosen: Bool[np.ndarray, "d n"]) -> tuple[Float[np.ndarray, "d k"], Float[np.ndarray, "d k"]]:
+        """Mean of the chosen scenes less that of the others, for each choice; and its size in units of what the scatter
+        of all makes it vary by, 0 where either group knows nothing."""
+        sums = chosen @ self.off
+        across = self._across(chosen)
+        scatter = np.sqrt((self.off**2).sum(0) / np.maximum(self.known.sum(0) - 1, 1))
+        # The numbers of all have mean 0, so that the others' sum is the chosen ones' with the other sign.
+        return sums * across, np.abs(sums) * np.sqrt(across) / np.where(scatter > 0, scatter, np.inf)
+
+    def half_width(self, chosen: Bool[np.ndarray, " n"], limit: float) -> Float[np.ndarray, " k"]:
+        """Half the width of each difference's interval: the differences that, taken off, leave no more than `limit`."""
+        across = self._across(chosen[None])[0]
+        difference, _ = self.differences(chosen[None])
+        within = np.maximum((self.off**2).sum(0) - difference[0] ** 2 / np.maximum(across, ROUNDING), 0)
+        # What is taken off lowers the scatter of all as well: hence the limit in the denominator.
+        left = self.known.sum(0) - 1 - limit**2
+        return np.where(left > 0, limit * np.sqrt(across * within / np.where(left > 0, left, 1)), np.inf)
+
+    def _across(self, chosen: Bool[np.ndarray, "d n"]) -> Float[np.ndarray, "d k"]:
+        """1 / n + 1 / m of the known scenes of both groups; 0 where either has none."""
+        inside = chosen @ self.known.astype(float)
+        outside = self.known.sum(0) - inside
+        both = inside * outside
+        return np.where(both > 0, (inside + outside) / np.where(both > 0, both, 1), 0)

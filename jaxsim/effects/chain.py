@@ -172,11 +172,19 @@ class SensorModel:
     def beside(self, other: SensorModel) -> SensorModel:
         """This model, with those effects of another that it lacks."""
         mine = dict(self.effects)
-        return replace(self, effects=(*self.effects, *(pair for pair in other.effects if pair[0] not in mine)))
+        theirs = tuple(pair for pair in other.effects if pair[0] not in mine)
+        regions = {name: other.regions[name] for name, _ in theirs if name in other.regions}
+        return replace(self, effects=(*self.effects, *theirs), regions={**self.regions, **regions})
 
     def without(self, other: SensorModel) -> SensorModel:
-        """This model without effects that stand in another with the same values."""
-        return replace(self, effects=tuple(pair for pair in self.effects if pair not in other.effects))
+        """This model without effects that stand in another with the same values, in the same region."""
+        left = tuple(
+            pair
+            for pair in self.effects
+            if pair not in other.effects or self.regions.get(pair[0]) != other.regions.get(pair[0])
+        )
+        regions = {name: self.regions[name] for name, _ in left if name in self.regions}
+        return replace(self, effects=left, regions=regions)
 
     def values(self, rows: int) -> tuple[dict[str, Array], ...]:
         """Each effect's parameters as arrays for a sensor of so many beams.

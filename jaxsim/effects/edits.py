@@ -17,6 +17,7 @@ from jaxsim.frame import CLASSES
 LEAST_COSINE = 0.02
 # ln(1 - p) and its slope stay finite.
 MOST_PROBABLE = 0.999
+_LEAST_ADDED = 1e-12
 _NODES = 48
 """Nodes at which the distribution of clutter is inverted, even in log range."""
 
@@ -79,7 +80,10 @@ def add_intensity(rays: Rays, added: Float[Array, "*n"], floor: float) -> Rays:
     # ln(I + added) = ln I + log1p(added / I), with a derivative also where I is next to nothing.
     inverse = jnp.exp(jnp.minimum(-rays.log_intensity, 40.0))
     least = jnp.minimum(floor * inverse, 1.0) - 1.0
-    return replace(rays, log_intensity=rays.log_intensity + jnp.log1p(jnp.maximum(added * inverse, least)))
+    less = rays.log_intensity + jnp.log1p(jnp.clip(added * inverse, least, 0.0))
+    # What is added to next to nothing is all that there is.
+    more = jnp.logaddexp(rays.log_intensity, jnp.log(jnp.maximum(added, _LEAST_ADDED)))
+    return replace(rays, log_intensity=jnp.where(added > 0, more, less))
 
 
 def lose(rays: Rays, probability: Float[Array, "*n"]) -> Rays:
@@ -89,7 +93,7 @@ def lose(rays: Rays, probability: Float[Array, "*n"]) -> Rays:
 
 
 def misread(rays: Rays, error_m: Float[Array, "*n"]) -> Rays:
-    """Adds an error to the reading of rays that hit something."""
+    """Adds an error to the reading of rays that hit something; glare and clutter keep the ranges they come from."""
     return replace(rays, reading_m=rays.reading_m + jnp.where(rays.hit, error_m, jnp.zeros_like(error_m)))
 
 
@@ -114,7 +118,8 @@ def add_clutter(
 ) -> Rays:
     """Adds a false return with a probability, at a range of density r**power exp(-r / scale) from `from_m` on.
 
-    A ray keeps one law of ranges: the likelier one, where several effects make clutter.
+    A ray keeps one law of ranges, where several effects make clutter: that of one that is likelier than all before it
+    together.
     """
     likelier = probability >= rays.clutter
 

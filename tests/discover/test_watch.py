@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.watch import changes, measure_names, measures, watch_days
+from jaxsim.discover.watch import Apart, changes, measure_names, measures, watch_days
 from jaxsim.frame import PolarGrid, PolarImage
 from tests.discover.made_watch import GRID, day, drives, dying_beam
 
@@ -39,6 +39,34 @@ def test_unchanged_days_seldom_show_a_change():
     shown = [bool(changes(table(2 * k), table(2 * k + 1), names)) for k in range(40)]
     # One in twenty is what is promised; seven of forty would come once in two hundred times.
     assert sum(shown) < 7
+
+
+@pytest.mark.parametrize(("then", "now"), [(30, 4), (100, 6), (8, 8), (4, 4)])
+@pytest.mark.parametrize("law", ["normal", "skewed"])
+def test_few_scenes_against_many_seldom_show_a_change_whatever_their_law(then, now, law):
+    rng = np.random.default_rng(0)
+    names = [(f"row {k}", "returns") for k in range(150)]
+
+    def scenes(count):
+        drawn = rng.normal(size=(count, 150)) if law == "normal" else 1 - 0.02 * rng.exponential(size=(count, 150))
+        return np.where(rng.random(drawn.shape) < 0.01, np.nan, drawn)  # a row that saw nothing
+
+    shown = [bool(changes(scenes(then), scenes(now), names)) for _ in range(40)]
+    assert sum(shown) < 7
+
+
+def test_an_interval_reaches_as_far_as_what_it_leaves_is_chance():
+    rng = np.random.default_rng(0)
+    numbers, chosen, limit = rng.normal(size=(30, 3)), np.arange(30) < 8, 2.5
+    numbers[:8] += [0.5, 2, 9]
+    numbers[3, 1] = np.nan
+    apart = Apart.of(numbers)
+    difference = np.nanmean(numbers[:8], 0) - np.nanmean(numbers[8:], 0)
+    np.testing.assert_allclose(apart.differences(chosen[None])[0][0], difference, rtol=1e-6)
+    for end in (-1, 1):
+        shift = difference + end * apart.half_width(chosen, limit)
+        _, strength = Apart.of(numbers - np.outer(chosen, shift)).differences(chosen[None])
+        np.testing.assert_allclose(strength[0], limit, rtol=1e-6)
 
 
 @pytest.mark.parametrize("dead", [(), (5,), (1, 3, 5)])

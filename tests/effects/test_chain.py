@@ -11,6 +11,7 @@ import pytest
 from jaxsim.effects import EFFECTS, STAGES, all_rays
 from jaxsim.effects.chain import SensorModel, frame_of, sample
 from jaxsim.effects.edits import clutter_range
+from jaxsim.effects.region import Region
 from tests.effects.streets import clutter_of_everything, grid_of, road_and_walls
 
 KEY = jax.random.key(3)
@@ -69,6 +70,17 @@ def test_models_are_put_beside_one_another_and_taken_apart():
     assert both.names == tuple(name for name, _ in both.effects)
     assert both.without(SensorModel((gain,))) == SensorModel((fall,))
     assert both.without(SensorModel((("beam_gain", {"gain": 0.2}),))) == both
+
+
+def test_effects_keep_their_regions_beside_others_and_apart_from_them():
+    gain, fall = ("beam_gain", {"gain": 0.1}), ("range_falloff", {"exponent": 0.4})
+    left = Region(azimuth_rad=(0.0, 1.0))
+    in_part = SensorModel((gain,), regions={"beam_gain": left})
+    both = SensorModel((fall,)).beside(in_part)
+    assert both == SensorModel((fall, gain), regions={"beam_gain": left})
+    # What acts in one part is not what acts everywhere.
+    assert both.without(SensorModel((gain,))) == both
+    assert both.without(in_part) == SensorModel((fall,))
 
 
 def test_what_is_saved_is_loaded(tmp_path):

@@ -50,6 +50,9 @@ def test_what_is_added_is_added_to_the_reading_and_stays_above_the_floor(rays):
     for before in (rays, dark):
         _, slope = jax.jvp(lambda x, rays=before: add_intensity(rays, x, 0.01).log_intensity, [added], [added])
         assert np.isfinite(slope).all()
+        reading = np.exp(np.asarray(before.log_intensity, float))
+        after = add_intensity(before, added, 0.01)
+        np.testing.assert_allclose(np.exp(np.asarray(after.log_intensity)), reading + 0.05, rtol=1e-5)
     after = add_intensity(rays, jnp.full(rays.range_m.shape, -2.0), 0.01)
     assert (after.log_intensity <= rays.log_intensity + 1e-6).all()
     lit = np.asarray(rays.log_intensity) > np.log(0.011)

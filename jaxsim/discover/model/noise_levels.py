@@ -40,8 +40,12 @@ def lattice_step(values: Float[np.ndarray, " n"], *, finest: float) -> float:
     x = np.sort(np.asarray(values, np.float64))
     if len(x) < RULES.lattice_values:
         return 0.0
-    gaps = np.diff(x)
-    gaps = gaps[gaps > finest / 4]
+    first = np.flatnonzero(np.diff(x, prepend=-np.inf) > finest / 4)
+    count = np.diff(first, append=len(x))
+    # The rarest values may be faulty readings: few of them lie between as few values as a lattice has.
+    rarest = np.argsort(count, kind="stable")
+    faulty = rarest[np.cumsum(count[rarest]) <= (1 - RULES.lattice_share) * len(x)]
+    gaps = np.diff(x[np.delete(first, faulty)])
     if len(gaps) < RULES.lattice_gaps:
         return 0.0
     # On a lattice the commonest gaps between different values are one step, or few.

@@ -27,7 +27,7 @@ from jaxsim.discover.regimes.confine import frames_in
 from jaxsim.discover.regimes.questions import Facts, Question, questions
 from jaxsim.discover.regimes.sizes import OF_FIT
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import Split, chance_of, clipped, false_discovery_rates, orders_of, scaled_groups
+from jaxsim.discover.scenes import Split, chance_of, clipped, false_discovery_rates, orders_in_parts, scaled_groups
 from jaxsim.discover.verdict import Interval, Named, Regime
 from jaxsim.effects.region import Region
 from jaxsim.metrics.intervals import mean_interval
@@ -136,8 +136,8 @@ def apart(z: Float[np.ndarray, "n m"], whole: Bool[np.ndarray, "k n"]) -> tuple[
     scaled = scaled_groups(whole)
     observed = np.linalg.norm(scaled @ off, axis=1)
     best = int(observed.argmax())
-    drawn = np.linalg.norm(np.einsum("kn,dnm->dkm", scaled, off[orders_of(len(off))]), axis=2)
-    return best, chance_of(drawn.max(1), observed[best])
+    farthest = [np.linalg.norm(scaled @ off[some], axis=2).max(1) for some in orders_in_parts(len(off))]
+    return best, chance_of(np.concatenate(farthest), observed[best])
 
 
 def _far(z: Float[np.ndarray, " m"]) -> float:
@@ -216,5 +216,6 @@ def _regime(knock: Knock, part: slice, comparison: Comparison, *, judge_nats: fl
 def facts_of_frames(comparison: Comparison) -> Facts:
     """The facts of all frames, a block each."""
     frames = np.arange(len(comparison.scenes))
-    scene = np.array([list(dict.fromkeys(comparison.scenes)).index(name) for name in comparison.scenes])
+    number = {name: k for k, name in enumerate(dict.fromkeys(comparison.scenes))}
+    scene = np.array([number[name] for name in comparison.scenes])
     return Facts(comparison.scan, comparison.scenes, frames, scene, np.zeros((len(frames), 1), int))

@@ -88,7 +88,7 @@ def _time(facts: Facts) -> Iterator[Question]:
     moment = np.array([time_s[facts.frame[facts.scene == n]].mean() for n in range(facts.scene_count)])
     # A frame belongs to its scene's moment: a cut never runs through a scene.
     of_block = moment[facts.scene]
-    if len(np.unique(moment)) < facts.scene_count:
+    if len(set(facts.names)) == 1:
         # Sectors of one drive share all its moments: its frames are divided instead.
         of_block = time_s[facts.frame]
         moment = np.unique(of_block)
@@ -101,15 +101,17 @@ def _time(facts: Facts) -> Iterator[Question]:
 
 
 def _spans(moment: Float[np.ndarray, " m"]) -> list[Span]:
-    """Spans with `Rules.regime_fewest_scenes` moments inside and outside, each end halfway between two of them."""
-    order = np.sort(moment)
-    few = RULES.regime_fewest_scenes
+    """Spans with `Rules.regime_fewest_scenes` of the scenes inside and outside, by their moments, which some may share;
+    each end halfway between two moments."""
+    order, count = np.unique(moment, return_counts=True)
     cuts = [None, *((order[1:] + order[:-1]) / 2).tolist(), None]
+    before = [0, *np.cumsum(count).tolist()]
+    few, most = RULES.regime_fewest_scenes, len(moment) - RULES.regime_fewest_scenes
     return [
         (cuts[i], cuts[j])
         for i in range(len(order))
-        for j in range(i + few, len(order) + 1)
-        if len(order) - (j - i) >= few
+        for j in range(i + 1, len(order) + 1)
+        if few <= before[j] - before[i] <= most
     ]
 
 

@@ -88,8 +88,8 @@ def size_of(by_scene: Float[np.ndarray, "k n"], least: float = SIZE_ENDS[0]) -> 
 
 
 def share_of(slopes: Float[np.ndarray, "k n"]) -> Float[np.ndarray, " n"]:
-    """The share at which slopes at `SIZE_SHARES` become 0: beyond all by the line from none to all, below none by the
-    steeper of it and the line through the first two."""
+    """The share at which slopes at `SIZE_SHARES` become 0: beyond all by the line from none to all, the most that
+    counts where it never falls; below none by the steeper of it and the line through the first two."""
     first, last = slopes[0], slopes[-1]
     # The first pair of shares between which it falls through 0.
     k = np.argmax((slopes[:-1] > 0) & (slopes[1:] <= 0), axis=0)
@@ -99,7 +99,8 @@ def share_of(slopes: Float[np.ndarray, "k n"]) -> Float[np.ndarray, " n"]:
     with np.errstate(divide="ignore", invalid="ignore"):
         between = SIZE_SHARES[k] + (SIZE_SHARES[k + 1] - SIZE_SHARES[k]) * above / (above - below)
         below_none = np.where(steeper > 0, first / steeper, SIZE_ENDS[0])
-        beyond = np.where(first > 0, first / (first - last), below_none)
+        above_all = np.where(last < first, first / (first - last), SIZE_ENDS[1])
+        beyond = np.where(first > 0, above_all, below_none)
     return np.where((first > 0) & (last <= 0), between, np.clip(beyond, *SIZE_ENDS))
 
 

@@ -39,8 +39,8 @@ class GateRules:
     """Least threshold of a distance: a millimetre, a thousandth of the full scale, or of the rays (a convention: finer
     than files)."""
     watch_chance: float = 0.05
-    """Probability that a day without any change shows one, all rows and sectors together by Bonferroni (a convention).
-    """
+    """Probability that a day without any change shows one, all rows and sectors together by the strongest of them (a
+    convention)."""
     watch_sectors: int = 12
     """Parts of the columns that are watched, 30 degrees each of a whole turn (a convention)."""
     watch_road_rad: float = 0.15

@@ -12,7 +12,7 @@ class UnpairedRules:
     # Scenes and candidates.
     unpaired_fewest_scenes: int = 8
     """Scenes that each side needs: 5 to find with and 3 to judge on (follows from the exchanges, of which 5 scenes a
-    side have 252)."""
+    side have 252, all of which are tried)."""
     unpaired_exchanges: int = 400
     """Exchanges of scenes between the sides, the true one included (a convention: four of them are
     `unpaired_level`)."""

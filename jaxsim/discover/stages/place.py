@@ -104,13 +104,15 @@ def place(comparison: Comparison, catalogue: Sequence[Effect], known: SensorMode
     """
     standing = Standing.of(comparison, [effect.name for effect in catalogue], known, log=log)
     mounting = standing.mounting
-    catalogue = [effect for effect in catalogue if effect.name not in standing.effects]
     found = find_dependences(standing.division, mounting.known)
     finer = refine_lift(comparison, mounting, found.null_model.problem, known=known)
     # What the null says rests on where the sensor stands: it is asked again from there.
     if finer is not mounting:
         mounting = replace(finer, comparison=steadied(finer.comparison)) if mounting.comparison.own_places else finer
         found = find_dependences(Division.of(mounting.comparison), mounting.known)
+    # What a finer look finds to be where the simulator has it is asked like all others.
+    in_place = replace(standing, mounting=mounting).effects
+    catalogue = [effect for effect in catalogue if effect.name not in in_place]
     of_drive = ask_pieces(found.null_model, catalogue, log=log)
     if of_drive.effects:
         mounting = replace(mounting, known=of_drive.known)

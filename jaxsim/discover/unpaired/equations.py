@@ -12,8 +12,10 @@ surfaces) is a random effect, taken out of its normal equations as in Henderson'
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -194,10 +196,17 @@ def solve(pooled: Pooled, blocks: Sequence[Block]) -> Solution:
 
 
 def exchanged(measured: Bool[np.ndarray, " s"], count: int) -> Float[np.ndarray, "d s"]:
-    """Draws of which scenes count as measured: as many as there are, at random; the first draw is the true one."""
-    rng = np.random.default_rng(0)
-    draws = np.stack([measured, *(rng.permutation(measured) for _ in range(count - 1))])
-    return draws.astype(float)
+    """Which scenes count as measured: as many as there are, in all ways there are, or if these are more than `count`,
+    in so many at random; the first is the true one, and none of the others is."""
+    scenes, chosen = len(measured), int(measured.sum())
+    if math.comb(scenes, chosen) <= count:
+        others = [np.isin(np.arange(scenes), which) for which in combinations(range(scenes), chosen)]
+    else:
+        rng = np.random.default_rng(0)
+        # Of more than `count` ways, as many draws again hardly all meet the true one.
+        others = [rng.permutation(measured) for _ in range(2 * count)]
+    differ = [one for one in others if (one != measured).any()]
+    return np.stack([measured, *differ[: count - 1]]).astype(float)
 
 
 def lowered(

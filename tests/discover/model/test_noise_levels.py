@@ -69,5 +69,8 @@ def test_a_few_values_off_the_lattice_do_not_hide_it_and_many_do():
     values = np.round(rng.uniform(0, 1, 5000) / 0.02) * 0.02
     values[:10] += 0.007
     assert lattice_step(values, finest=1e-3) == pytest.approx(0.02, rel=1e-3)
+    # At other places than each other's, too.
+    values[10:25] += rng.uniform(0, 0.02, 15)
+    assert lattice_step(values, finest=1e-3) == pytest.approx(0.02, rel=1e-3)
     values[:500] += rng.uniform(0, 0.02, 500)
     assert lattice_step(values, finest=1e-3) == 0

@@ -38,6 +38,20 @@ def test_every_moment_leaves_enough_scenes_to_both_sides(facts):
     assert len(asked[0].regions) == 2 * (FRAMES + 1 - 2 * RULES.regime_fewest_scenes)
 
 
+def test_scenes_that_share_a_moment_are_divided_as_scenes(facts):
+    time_s = np.array(facts.scan.time_s)
+    time_s[1] = time_s[0]  # two cars recorded at once
+    shared = replace(facts, scan=replace(facts.scan, time_s=time_s))
+    asked = [one for one in questions(shared) if one.divides == "time"]
+    assert len(asked) == 2
+    for one in asked:
+        scenes = one.between_scenes(facts.scene)
+        assert scenes is not None
+        assert (np.minimum(scenes.sum(1), (~scenes).sum(1)) >= RULES.regime_fewest_scenes).all()
+        assert (scenes[:, 0] == scenes[:, 1]).all()
+    assert len(asked[0].regions) == 2 * (FRAMES + 1 - 2 * RULES.regime_fewest_scenes)
+
+
 def test_arcs_hold_the_sectors_of_their_azimuths(facts):
     [one] = [one for one in questions(facts) if one.divides == "azimuth"]
     assert one.between_scenes(facts.scene) is None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.regimes.sizes import SIZE_SHARES, least_size, share_of, size_of, sizes_at
+from jaxsim.discover.regimes.sizes import SIZE_ENDS, SIZE_SHARES, least_size, share_of, size_of, sizes_at
 from jaxsim.effects import EFFECTS
 
 RAYS = 1000
@@ -27,6 +27,11 @@ def test_of_losses_it_is_that_of_the_most_likely_share(lost):
     """A line from none to all of it would give 0.5 for the two of a thousand that are lost where one is by itself."""
     exact = (lost / RAYS - BASE) / LOST
     assert share_of(slopes_of_losses(lost)[:, None])[0] == pytest.approx(exact, abs=0.06)
+
+
+def test_a_likelihood_that_bends_upward_asks_for_the_most_or_the_least():
+    slopes = np.array([1.0, -1.0])[None] + np.array([1.0, 1.0])[None] * SIZE_SHARES[:, None] * [1.0, -1.0]
+    assert share_of(slopes).tolist() == [SIZE_ENDS[1], SIZE_ENDS[0]]
 
 
 def test_a_part_that_lost_nothing_is_not_told_to_have_lost_many_times_less_than_nothing():

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.find.division import NOTHING_YET
+from jaxsim.discover.mounting.constant import Mounting
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.stages.place import place
 from jaxsim.effects import get_effect
+from tests.discover.rooms import comparison
 from tests.discover.toy import toy
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("standard_promotion")]
@@ -46,3 +48,18 @@ def test_progress_tells_how_scenes_are_divided():
     placed = place(Comparison(scan, measured, names, names), [], NOTHING_YET, log=lines.append)
     assert lines == [f"7 scenes to find with, 3 to judge on: split {placed.division.parts.sha256}"]
     assert np.unique(placed.division.blocks.scene).tolist() == sorted(names)
+
+
+def test_a_lift_that_a_finer_look_does_not_find_is_asked_like_all_others(monkeypatch):
+    lifted = comparison(np.zeros(6), lift=0.0087)
+    asked = [get_effect("beam_elevation_error"), get_effect("beam_gain")]
+    given = place(lifted, asked, NOTHING_YET, log=str)
+    assert given.mounting.effects == ("beam_elevation_error",)
+    assert [effect.name for effect in given.catalogue] == ["beam_gain"]
+    monkeypatch.setattr(
+        "jaxsim.discover.stages.place.refine_lift",
+        lambda comparison, mounting, null, *, known: Mounting((), comparison, known),
+    )
+    finer = place(lifted, asked, NOTHING_YET, log=str)
+    assert finer.mounting.effects == ()
+    assert [effect.name for effect in finer.catalogue] == ["beam_elevation_error", "beam_gain"]

@@ -75,6 +75,11 @@ def test_a_block_held_firmly_is_less_free():
 
 def test_the_first_exchange_is_the_true_one_and_all_have_as_many_measured_scenes():
     sensed = np.array([True, False, True, False, False])
-    draws = exchanged(sensed, 30)
-    np.testing.assert_array_equal(draws[0], sensed)
-    assert (draws.sum(1) == 2).all()
+    for count in (7, 10, 30):
+        draws = exchanged(sensed, count)
+        np.testing.assert_array_equal(draws[0], sensed)
+        assert (draws.sum(1) == 2).all()
+        assert not (draws[1:] == sensed).all(1).any()
+        # There are ten ways to choose two of five.
+        assert len(draws) == min(count, 10)
+    assert len(np.unique(draws, axis=0)) == 10
