@@ -57,6 +57,8 @@ def scan_of(
             f"scan_of: {len(images)} images, further rasters of {len(further)} and facts of {len(about)}; one each"
         )
     grid = jax.tree.map(lambda x: np.asarray(x, np.float32), grid)
+    if len(grid.azimuth_rad) < 2:
+        raise ValueError(f"scan_of: a grid of {len(grid.azimuth_rad)} columns has no step; it needs 2 or more")
     frames = [_frame(grid, *frame, number=k) for k, frame in enumerate(zip(images, further, strict=True))]
     stacked = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
     time_s = _per_frame(about, "time", np.float64)

@@ -1,5 +1,7 @@
 """From what readers deliver to what effects act on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,9 @@ def test_counts_and_grids_must_agree():
         scan_of(grid_of(), [image()], [{}, {}])
     with pytest.raises(ValueError, match="range is"):
         scan_of(grid_of(), [image(columns=95)])
+    one_column = replace(grid_of(), azimuth_rad=np.zeros(1))
+    with pytest.raises(ValueError, match="a grid of 1 columns has no step"):
+        scan_of(one_column, [image(columns=1)])
     with pytest.raises(ValueError, match=r"speed is given for some .* lack it \(numbers "):
         scan_of(grid_of(), [image(), image()], about=[{"speed": 1.0}, {}])
 

@@ -58,6 +58,11 @@ BY_RANGES = (
     "simulated frames as seen from there"
 )
 """How the effects of a mounting are found, in words."""
+BY_FRAMES = (
+    "frames of so few drives find and judge it in turn, and share how their drive was localised: a place that is off "
+    "on the map looks the same as a mounting"
+)
+"""What few drives leave open."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +100,11 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     motion |= {name: _as_stated(name, known, scan) for name in stated}
     rest = replace(known, effects=tuple(pair for pair in known.effects if pair[0] not in stated))
     return Mounting(named, brought(comparison, motion), rest)
+
+
+def how_placed(scenes: Sequence[str]) -> str:
+    """How effects of a mounting were found on frames of these scenes, in words."""
+    return f"{BY_RANGES}; {BY_FRAMES}" if sectors_a_drive(scenes) > 1 else BY_RANGES
 
 
 def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, known: SensorModel) -> Mounting:

@@ -15,7 +15,7 @@ from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.fit import in_place
 from jaxsim.discover.model.null_model import residuals
 from jaxsim.discover.mounting.change import named_knock
-from jaxsim.discover.mounting.constant import BY_RANGES, named_mounting, registered_of
+from jaxsim.discover.mounting.constant import how_placed, named_mounting, registered_of
 from jaxsim.discover.name.simulator_contrast import contrast_of_answer
 from jaxsim.discover.read.control import NO_CONTROL
 from jaxsim.discover.regimes.find import Divided
@@ -134,10 +134,11 @@ def result_of(
     verdict = verdict_of(asked, divided, completed, shown=shown, given=given, seconds=seconds)
     of_mounting = named_mounting(placed.mounting, placed.division.parts, rows=len(grid.elevation_rad))
     verdict = with_placed(without_unconfirmed(verdict, shown.apart), placed.of_drive.effects, how=placed.of_drive.how)
-    verdict = with_placed(verdict, *of_mounting, how=BY_RANGES)
+    by_ranges = how_placed(placed.comparison.scenes)
+    verdict = with_placed(verdict, *of_mounting, how=by_ranges)
     if placed.knock:
         sure, others, regimes = named_knock(placed.knock, placed.comparison, placed.division.parts)
-        verdict = with_placed(replace(verdict, regimes=(*regimes, *verdict.regimes)), sure, others, how=BY_RANGES)
+        verdict = with_placed(replace(verdict, regimes=(*regimes, *verdict.regimes)), sure, others, how=by_ranges)
     known = given.beside(control.mounting)
     effects_model = effects_model_of(verdict, added.effects_model, known).without(control.mounting.without(given))
     # What is not confirmed is not in the sensor model, and makes nothing of its levels.

@@ -15,9 +15,11 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import lattices_of
 from jaxsim.discover.mounting import constant
 from jaxsim.discover.mounting.constant import (
+    BY_FRAMES,
     LIFT_OF_ALL,
     brought_back,
     gains,
+    how_placed,
     named_mounting,
     place_mounting,
     refine_lift,
@@ -190,6 +192,7 @@ def test_frames_of_one_drive_find_and_judge_in_turn():
     poses = np.full((9, 8), 0.1)
     find, judge = gains(poses, MOTION_PARTS["extrinsic_rotation"], scenes=["drive"] * 9, parts=split_scenes(NAMES))
     assert (len(find), len(judge)) == (6, 3)
+    assert how_placed(["drive"] * 9) == f"{how_placed(NAMES)}; {BY_FRAMES}"
 
 
 @pytest.mark.parametrize("frames", [1, 2])
