@@ -82,10 +82,12 @@ def ask_pieces(sectors: NullModel, catalogue: Sequence[Effect], *, log: Log) -> 
     gained = judge_gains(AllScenes.of(null_model), [*compress(added.chain, stands)])
     if np.delete(gained, BRIGHTNESS).sum() <= RULES.confirmed_nats:
         return nothing
-    effects = all_named(null_model.problem, choice.steps, added)
-    of_sensor = added.effects_model.effects[len(sectors.known.effects) :]
-    known = replace(sectors.known, effects=(*sectors.known.effects, *compress(of_sensor, stands)))
-    return OfPieces(tuple(compress(effects, stands)), known, count, drives)
+    effects = tuple(compress(all_named(null_model.problem, choice.steps, added), stands))
+    # By their names: a model has its effects in physical order, an answer in that in which they were found.
+    named = {effect.name for effect in effects}
+    found = tuple(pair for pair in added.effects_model.effects if pair[0] in named)
+    known = replace(sectors.known, effects=(*sectors.known.effects, *found))
+    return OfPieces(effects, known, count, drives)
 
 
 def pieces_of(drives: Sequence[str]) -> list[str]:

@@ -67,6 +67,20 @@ def test_a_hidden_sector_of_few_drives_is_found_and_known_to_what_comes_after(sc
 
 @pytest.mark.long
 @pytest.mark.usefixtures("few_rays_here")
+def test_what_is_known_is_the_very_effect_whatever_was_found_before_it():
+    one = drive(hidden, ("a", "b", "c"))
+    rounded = replace(one, measured=replace(one.measured, range_m=np.round(one.measured.range_m / 0.1) * 0.1))
+    found = ask_pieces(
+        NullModel.of(Division.of(rounded)), [*ASKED, EFFECTS["range_quantization"]], log=lambda line: None
+    )
+    assert [effect.name for effect in found.effects] == ["sector_occlusion"]
+    [(name, parameters)] = found.known.effects
+    assert name == "sector_occlusion"
+    assert parameters["azimuth_rad"] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("few_rays_here")
 def test_a_mast_that_is_narrower_than_the_steps_between_columns_is_found_with_its_borders():
     """Three columns of 480: most frames look at none of them."""
 
