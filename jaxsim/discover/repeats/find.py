@@ -120,6 +120,11 @@ class FoundPattern:
     phase: complex
     """Phase of a wave, as a complex number."""
 
+    @property
+    def key(self) -> tuple[str, str, str, int]:
+        """What its law is of, whatever its size and phase."""
+        return self.repeat.channel, self.scale.name, self.scale.along, self.number
+
     def sized(self, size: Interval, phase: complex) -> Repeat:
         """The pattern in words, of another size and phase."""
         formula = pattern_formula(self.repeat.channel, self.scale, self.number, size=size, phase=phase)
@@ -160,7 +165,9 @@ def find_repeats(
         size = height_of(shows, answers, channel) if scale.pattern else common_size(maps_left, scale, channel)
         large = abs(size.value) >= np.hypot(least[channel], maps_left.rounding(pattern))
         # Of few judge scenes all must show it.
-        if large and p_judge <= attainable(RULES.repeats_judge_level, int((~finding).sum())):
+        # Of what was found before, another phase may be left: its law has both.
+        new = (channel, scale.name, scale.along, k) not in {one.key for one in patterns}
+        if new and large and p_judge <= attainable(RULES.repeats_judge_level, int((~finding).sum())):
             formula = pattern_formula(channel, scale, k, size=size, phase=phase)
             repeat = Repeat(
                 channel, scale.name, scale.along, scale.words(k), scale.period(k), formula, size, p, p_judge

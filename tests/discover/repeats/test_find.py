@@ -161,3 +161,14 @@ def test_grids_of_a_row_or_two_show_what_they_can(rows, columns):
 
 def cut(of: Maps, rows: int, columns: int) -> Maps:
     return Maps.plain(of.weight[:, :rows, :columns], of.total[:, :rows, :columns])
+
+
+def test_of_one_wave_there_is_one_pattern_however_its_phase_was_found():
+    """Scenes that are sectors of few drives see a quarter of the columns each: what they add up to is not the wave's
+    own phase, and another is left of it."""
+    wave = 2 * np.cos(2 * np.pi * 3 * COLUMN / COLUMNS - 0.9)
+    sector = np.arange(len(FINDING))[:, None, None] % 4
+    weight = (sector == COLUMN * 4 // COLUMNS) * np.where(sector == 0, 5.0, 1.0)
+    noise = np.random.default_rng(2).normal(size=weight.shape)
+    [one] = find_repeats({"range": Maps.plain(weight, wave + 0.3 * noise)}, FINDING)
+    assert (one.repeat.scale, one.repeat.period) == ("wave", COLUMNS / 3)
