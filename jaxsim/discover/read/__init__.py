@@ -25,7 +25,7 @@ from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.read import checks
 from jaxsim.discover.read.control import NO_CONTROL, Control
-from jaxsim.discover.read.notes import same_numbers, sceneless, uneven, unpartnered, very_fast
+from jaxsim.discover.read.notes import brightness, fading, same_numbers, sceneless, uneven, unpartnered, very_fast
 from jaxsim.discover.read.registration import Registration, other_moments, speeds_read
 from jaxsim.discover.read.search import register
 from jaxsim.effects.rays import Scan
@@ -162,11 +162,13 @@ def _read_frames(simulated: PolarFrames, measured: PolarFrames, *, left_out: Map
     if "incidence" in rasters[0]:
         checks.check_incidence(names[0], simulated_images[0], angle_rad=rasters[0]["incidence"], grid=grid)
     checks.check_instances(names[0], simulated_images[0], rasters=rasters[0])
+    level = brightness(simulated_images, measured_images)
     notes = [
         *(f"left out: {why}" for _, why in sorted(left_out.items())),
         *unpartnered(simulated.names, measured.names),
         *checks.constant_intensity(*([*map(checks.levels_of, side)] for side in (simulated_images, measured_images))),
-        *uneven(names, simulated_images, measured_images),
+        *uneven(names, level),
+        *fading(scenes, about, level),
         *same_numbers(simulated_images, measured_images),
         *very_fast(np.asarray(scan.speed_mps)),
     ]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import MEDIAN_TO_SD
+from jaxsim.discover.scenes import MEDIAN_TO_SD, chance_of
 from jaxsim.frame import PolarImage
 from jaxsim.progress import counted
 
@@ -20,10 +20,14 @@ def unpartnered(simulated: Sequence[str], measured: Sequence[str]) -> list[str]:
     return [f"{alone} frames have no partner of the same name in the other folder and are left out"] if alone else []
 
 
-def uneven(names: Sequence[str], simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
-    """Gives notes on frames whose brightness beside the simulated ones is not that of the others: single ones by name,
-    as one of another scale, or all, where gains differ from frame to frame."""
-    level = np.array([_brighter(*pair) for pair in zip(simulated, measured, strict=True)])
+def brightness(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> Float[np.ndarray, " f"]:
+    """Gives each measured frame's brightness beside the simulated one, ln; NaN where few rays return on both sides."""
+    return np.array([_brighter(*pair) for pair in zip(simulated, measured, strict=True)])
+
+
+def uneven(names: Sequence[str], level: Float[np.ndarray, " f"]) -> list[str]:
+    """Gives notes on frames whose brightness beside the simulated ones (`brightness`) is not that of the others: single
+    ones by name, as one of another scale, or all, where gains differ from frame to frame."""
     off = level - np.nanmedian(level) if np.isfinite(level).any() else level
     scatter = MEDIAN_TO_SD * np.nanmedian(np.abs(off)) if np.isfinite(off).any() else 0.0
     alone = np.abs(off) > max(RULES.alone_nats, RULES.alone_sds * scatter)
@@ -44,6 +48,47 @@ def uneven(names: Sequence[str], simulated: Sequence[PolarImage], measured: Sequ
             "setting by themselves tell more"
         )
     return notes
+
+
+def fading(scenes: Sequence[str], facts: Sequence[Mapping[str, Any]], level: Float[np.ndarray, " f"]) -> list[str]:
+    """Gives a note where the brightness of frames beside the simulated ones rises, or falls, in the course of every
+    drive, as frames in another order seldom do: a receiver that warms up begins anew with each of them."""
+    courses = list(_courses(scenes, facts, level))
+    if len(courses) < RULES.fading_drives:
+        return []
+    slopes = np.array([np.polyfit(time_s, of_drive, 1)[0] for time_s, of_drive in courses])
+    change = slopes * np.array([np.ptp(time_s) for time_s, _ in courses])
+    rng = np.random.default_rng(0)
+    shuffled = np.zeros(RULES.sign_draws)
+    for time_s, of_drive in courses:
+        orders = rng.permuted(np.tile(of_drive, (RULES.sign_draws, 1)), axis=1)
+        shuffled += orders @ (time_s - time_s.mean())
+    observed = sum(of_drive @ (time_s - time_s.mean()) for time_s, of_drive in courses)
+    p = chance_of(np.abs(shuffled), float(np.abs(observed)))
+    one_way = (change > 0).all() or (change < 0).all()
+    if not one_way or p > RULES.fading_level or abs(np.median(change)) < RULES.fading_nats:
+        return []
+    return [
+        f"measured frames grow {'brighter' if change[0] > 0 else 'darker'} beside the simulated ones in the course "
+        f"of each of {len(courses)} drives, by {abs(np.median(change)):.2g} nats in the median (p {p:.2g}, frames in "
+        "other orders), as a sensor does that warms up or adapts, or streets that the simulator knows less and less; "
+        "each frame's level is fitted, and no effect is named for it"
+    ]
+
+
+def _courses(
+    scenes: Sequence[str], facts: Sequence[Mapping[str, Any]], level: Float[np.ndarray, " f"]
+) -> Iterator[tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]]:
+    """Gives times and levels of each drive of which enough frames tell both."""
+    for scene in dict.fromkeys(scenes):
+        told = [
+            (float(fact["time"]), of_frame)
+            for name, fact, of_frame in zip(scenes, facts, level, strict=True)
+            if name == scene and "time" in fact and np.isfinite(of_frame)
+        ]
+        time_s, of_drive = np.array(told).reshape(-1, 2).T
+        if len(np.unique(time_s)) >= RULES.fading_frames:
+            yield time_s, of_drive
 
 
 def _brighter(simulated: PolarImage, measured: PolarImage) -> float:

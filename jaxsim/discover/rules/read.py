@@ -111,6 +111,15 @@ class ReadRules:
     uneven_nats: float = 0.3
     """Scatter of the frames' brightness beside the simulated ones, ln, from which on a note tells of it (a
     judgement, not calibrated: simulators that know no material have half as much)."""
+    fading_drives: int = 3
+    """Drives, each of `fading_frames` frames with times or more, from which on a note tells that all of them grow
+    darker or brighter (a judgement, not calibrated)."""
+    fading_frames: int = 4
+    """Frames of a drive below which its course is not looked at (a judgement, not calibrated)."""
+    fading_level: float = 0.01
+    """Share of other orders of its frames that may fade as much (a convention)."""
+    fading_nats: float = 0.15
+    """Least change in the course of a drive, ln (a judgement, not calibrated: half of `uneven_nats`)."""
     alone_nats: float = 1.5
     """By so much one frame's brightness is off the others' before it is told by name, where it is also off by
     `alone_sds` of their scatter (a judgement, not calibrated)."""

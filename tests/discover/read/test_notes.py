@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.read.notes import same_numbers, seconds_apart, uneven, very_fast
+from jaxsim.discover.read.notes import brightness, fading, same_numbers, seconds_apart, uneven, very_fast
 from tests.discover.rooms import rooms, seen
 
 
@@ -26,22 +26,42 @@ def brighter(image, factor):
 
 def test_frames_of_another_brightness_are_told(case):
     names, ours, theirs = case
-    assert uneven(names, ours, theirs) == []
+    assert uneven(names, brightness(ours, theirs)) == []
     # One gain of all frames is fitted first, and is no news.
-    assert uneven(names, ours, [brighter(image, 0.3) for image in theirs]) == []
-    (one,) = uneven(names, ours, [brighter(theirs[0], 1 / 255), *theirs[1:]])
+    assert uneven(names, brightness(ours, [brighter(image, 0.3) for image in theirs])) == []
+    (one,) = uneven(names, brightness(ours, [brighter(theirs[0], 1 / 255), *theirs[1:]]))
     assert one.startswith(
         f"1 measured frame of another brightness than the others, beside the simulated ones ({names[0]}"
     )
-    (half,) = uneven(names, ours, [brighter(image, 0.3 if k % 2 else 1) for k, image in enumerate(theirs)])
+    (half,) = uneven(names, brightness(ours, [brighter(image, 0.3 if k % 2 else 1) for k, image in enumerate(theirs)]))
     assert "differs from frame to frame" in half
+
+
+def test_drives_that_all_grow_darker_are_told_and_one_that_does_not_ends_that():
+    rng = np.random.default_rng(0)
+    scenes = [f"drive {k // 6}" for k in range(24)]
+    facts = [{"time": 1000.0 * (k // 6) + 8 * (k % 6)} for k in range(24)]
+    since = 8.0 * (np.arange(24) % 6)
+    noise = rng.normal(0, 0.03, 24)
+    warming = noise - 0.6 * (1 - np.exp(-since / 16))
+    (note,) = fading(scenes, facts, warming)
+    assert "grow darker beside the simulated ones in the course of each of 4 drives" in note
+    # Frames of which nothing is known are passed over.
+    assert fading(scenes, facts, np.where(np.arange(24) == 3, np.nan, warming))
+    assert "brighter" in fading(scenes, facts, -warming)[0]
+    other_way = np.where(np.arange(24) < 6, -warming, warming)
+    few = 12
+    for quiet in (noise, other_way, 0.1 * warming):
+        assert fading(scenes, facts, quiet) == []
+    assert fading(scenes[:few], facts[:few], warming[:few]) == []
+    assert fading(scenes, [{}] * 24, warming) == []
 
 
 def test_frames_without_returns_have_no_brightness(case):
     names, ours, theirs = case
     dark = [image.replace(valid=np.zeros_like(image.valid)) for image in theirs]
-    assert uneven(names, ours, dark) == []
-    assert uneven(names, ours, [dark[0], *theirs[1:]]) == []
+    assert uneven(names, brightness(ours, dark)) == []
+    assert uneven(names, brightness(ours, [dark[0], *theirs[1:]])) == []
 
 
 def test_speeds_in_kilometres_an_hour_are_asked_about():
