@@ -105,3 +105,16 @@ def test_where_some_frames_lack_a_time_none_has_one(tmp_path, monkeypatch, caplo
     export_frames(folder, tmp_path / "a.mcap", "mcap")
     assert "1 of 3 frames have no time in grid.json, so that those of 2 frames are left out" in caplog.text
     assert written == [[1.3e9, 1.3e9 + 1, 1.3e9 + 2], [0.0, 0.1, 0.2]]
+
+
+@pytest.mark.parametrize(("to", "time_s"), [("mcap", -0.1), ("mcap", 2.0**31), ("osi", -1.0)])
+def test_a_time_that_a_form_cannot_hold_is_told_before_anything_is_written(tmp_path, to, time_s):
+    folder, _ = sides(tmp_path, scenes=3)
+    grid = json.loads((folder / "grid.json").read_text())
+    for k, about in enumerate(grid["frames"].values()):
+        about["time"] = [0.0, time_s, 1.0][k]
+    (folder / "grid.json").write_text(json.dumps(grid))
+    name, out = [*grid["frames"]][1], tmp_path / f"drive_sd.{to}"
+    with pytest.raises(ValueError, match=rf"^frames: the time of {name} in grid\.json is {time_s:.12g} s; --to {to} "):
+        export_frames(folder, out, to)
+    assert not out.exists()
