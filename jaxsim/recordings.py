@@ -19,7 +19,7 @@ import numpy as np
 from jaxsim.cloud.formats import save_cloud, table_of
 from jaxsim.data.polar_checks import LATEST_S
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.files import check_apart, file_of, need, replacing
+from jaxsim.files import file_of, need, replacing
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.progress import Progress, counted
@@ -183,8 +183,8 @@ def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int
         _check_times(times_s, names, to)
         WHOLE_FILE[to](out, (Stamped(times_s[k], table_of(*_cloud(frames, name))) for k, name in enumerate(bar)))
         return len(names)
-    if to == "npz":
-        check_apart(out, folder, by="frames")
+    if to == "npz" and (out / "grid.json").is_file():
+        raise ValueError(f"frames: {out} holds polar frames, whose place clouds would take; give another --out")
     # Those that are there, too: nothing tells of what frames they are.
     for name in bar:
         cloud, time_s = _cloud(frames, name)
