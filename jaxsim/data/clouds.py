@@ -6,14 +6,13 @@ Points alone come from `.bin` files, as KITTI has them, and from `.npz`, as `jax
 from __future__ import annotations
 
 import warnings
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.kitti_files import read_velodyne
-from jaxsim.files import array_names, files_in, read_arrays, read_once
+from jaxsim.files import array_names, files_in, read_arrays, read_once, repeated
 from jaxsim.frame import Cloud
 from jaxsim.geometry import LidarSpec, UnorderedCloud, fit_beams, preset, recover_rows, rows_by_elevation
 from jaxsim.geometry.points import check_points
@@ -72,8 +71,7 @@ def cloud_files(folder: Path) -> list[Path]:
     """The clouds of a folder, by name; none where there is no such folder. Raises ValueError where a name comes twice,
     once with each suffix."""
     files = files_in(folder, *SUFFIXES)
-    twice = [file.stem for file, after in pairwise(files) if file.stem == after.stem]
-    if twice:
+    if twice := repeated(file.stem for file in files):
         raise ValueError(f"clouds: {folder} holds {twice[0]} twice, as {' and '.join(SUFFIXES)}; leave one")
     return files
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.data.clouds import read_cloud
+from jaxsim.data.clouds import cloud_files, read_cloud
 
 XYZ = np.float32([[1, 2, 3], [4, 5, 6]])
 
@@ -24,3 +24,10 @@ def test_what_is_no_cloud_says_so(tmp_path, name, message):
     (tmp_path / "broken.npz").write_text("no archive")
     with pytest.raises(ValueError, match=message):
         read_cloud(tmp_path / f"{name}.npz")
+
+
+def test_a_name_that_comes_twice_is_told_though_another_lies_between(tmp_path):
+    for name in ("a.bin", "a.c.bin", "a.npz"):
+        (tmp_path / name).touch()
+    with pytest.raises(ValueError, match=r"holds a twice, as \.bin and \.npz; leave one"):
+        cloud_files(tmp_path)
