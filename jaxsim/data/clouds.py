@@ -47,7 +47,7 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n c"]:
 
     Raises ValueError where the file is broken, is no cloud, or holds what no LiDAR measures (`check_points`).
     """
-    if path.suffix == ".bin":
+    if path.suffix.lower() == ".bin":
         return np.column_stack(read_velodyne(path))
     arrays = read_arrays(path, ("xyz", "intensity"), by="clouds")
     xyz_m, intensity = arrays.get("xyz"), arrays.get("intensity")

@@ -8,8 +8,8 @@ Wasserstein and Fréchet distances), grows faster than the folder, and is taken 
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -48,6 +48,8 @@ class Folder:
     names: tuple[str, ...]
     frames: PolarFrames | None
     """None: a folder of clouds."""
+    clouds: Mapping[str, Path] = field(default_factory=dict)
+    """Files of such a folder by name."""
 
     @property
     def grid(self) -> PolarGrid | None:
@@ -63,16 +65,15 @@ class Folder:
         """Rows x, y, z (m), intensity (0..1; 0 where a cloud has none)."""
         if self.frames is not None:
             return points_of(polar_to_points(self.image(name)[0], self.frames.grid))
-        path = self.path / f"{name}.bin"
-        points = read_cloud(path if path.is_file() else path.with_suffix(".npz"))
+        points = read_cloud(self.clouds[name])
         return points if points.shape[1] == 4 else np.pad(points, ((0, 0), (0, 1)))
 
 
 def open_folder(path: Path) -> Folder:
     """A folder of polar frames (with grid.json) or of clouds. Raises ValueError where it is neither."""
     polar = (path / "grid.json").is_file()
-    names = [file.stem for file in (files_in(path, *SUFFIXES) if polar else cloud_files(path))]
-    if not names:
+    files = {file.stem: file for file in (files_in(path, *SUFFIXES) if polar else cloud_files(path))}
+    if not files:
         raise ValueError(
             f"generation: {path} holds no frames; give a folder of polar frames (grid.json, NAME.npz; `jaxsim "
             "discover --help` tells the format) or of clouds (.bin with x, y, z, intensity float32, or .npz with xyz)"
@@ -80,7 +81,7 @@ def open_folder(path: Path) -> Folder:
     if polar:
         frames = open_polar_frames(path)
         return Folder(path, frames.names, frames)
-    return Folder(path, tuple(names), None)
+    return Folder(path, tuple(files), None, clouds=files)
 
 
 def spaced(names: Sequence[str], most: int) -> list[str]:

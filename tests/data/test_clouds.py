@@ -31,3 +31,9 @@ def test_a_name_that_comes_twice_is_told_though_another_lies_between(tmp_path):
         (tmp_path / name).touch()
     with pytest.raises(ValueError, match=r"holds a twice, as \.bin and \.npz; leave one"):
         cloud_files(tmp_path)
+
+
+def test_suffixes_in_capitals_are_read_as_they_are_listed(tmp_path):
+    np.column_stack([XYZ, np.zeros(2)]).astype("<f4").tofile(tmp_path / "a.BIN")
+    (file,) = cloud_files(tmp_path)
+    np.testing.assert_array_equal(read_cloud(file)[:, :3], XYZ)

@@ -78,6 +78,12 @@ def test_clouds_have_the_distances_that_clouds_allow(tmp_path):
     assert not any(name.startswith(("swd", "intensity")) for name in scores)
 
 
+def test_a_cloud_is_read_from_the_file_that_was_listed(tmp_path):
+    points = np.float32([[1, 2, 3, 0.5], [4, 5, 6, 0.25]])
+    points.tofile(tmp_path / "a.BIN")
+    np.testing.assert_array_equal(open_folder(tmp_path).points("a"), points)
+
+
 @pytest.mark.long
 def test_what_adds_up_is_of_all_frames_and_what_is_compared_of_some_evenly_spaced(tmp_path):
     a = open_folder(write_polar(tmp_path / "a", 0, names="abcdefghi"))
