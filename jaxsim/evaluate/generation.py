@@ -20,12 +20,12 @@ from jaxtyping import Float, Int
 from jaxsim.cloud import points_of
 from jaxsim.data.clouds import SUFFIXES, cloud_files, read_cloud
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.files import files_in
+from jaxsim.files import files_in, placed
 from jaxsim.frame import Array, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, pad_points, polar_to_points, room_for, same_grid
 from jaxsim.metrics import Score
 from jaxsim.metrics.bev import BINS, COUNTS, jensen_shannon, lidm_occupancy, mmd
-from jaxsim.metrics.chamfer import chamfer
+from jaxsim.metrics.chamfer import Chamfer, chamfer
 from jaxsim.metrics.conditional import conditional_intensity, intensity_table
 from jaxsim.metrics.frechet import frechet_distance_of
 from jaxsim.metrics.rangenet import Kernels, range_features
@@ -209,6 +209,13 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
     return tables[0], tables[1], classes
 
 
+def _chamfer(a: Folder, b: Folder, name: str) -> Chamfer:
+    """Distances of the frames of one name. Raises ValueError, with the name, where one has no points."""
+    clouds = [folder.points(name)[:, :3] for folder in (a, b)]
+    with placed(f"generation: {name}"):
+        return chamfer(*clouds)
+
+
 def generation_scores(
     a: Folder, b: Folder, *, rangenet: Kernels | None = None, compared: int = COMPARED
 ) -> dict[str, Score]:
@@ -223,7 +230,7 @@ def generation_scores(
     shared = sorted({*a.names} & {*b.names})
     if shared:
         named = Progress(shared, desc="frames of the same name", unit="frame")
-        pairs = [chamfer(a.points(name)[:, :3], b.points(name)[:, :3]) for name in named]
+        pairs = [_chamfer(a, b, name) for name in named]
         if same := [name for name, pair in zip(shared, pairs, strict=True) if pair.distance_m == 0]:
             _log.warning(
                 f"generation: the points of {len(same)} of {len(shared)} frames of one name are the same in {a.path} "

@@ -112,6 +112,13 @@ def test_a_cloud_without_a_point_in_a_definitions_ranges_is_named(tmp_path):
         generation_scores(open_folder(a), open_folder(b))
 
 
+def test_a_cloud_without_points_is_named_also_where_it_is_not_compared(tmp_path):
+    a, b = (write_polar(tmp_path / name, 0) for name in "ab")
+    write_frame(b, "b", PolarImage(*(np.zeros((ROWS, COLUMNS), kind) for kind in ("f4", "f4", bool))))
+    with pytest.raises(ValueError, match=r"^generation: b: chamfer: a cloud is empty; leave the frame out"):
+        generation_scores(open_folder(a), open_folder(b), compared=2)
+
+
 def test_polar_frames_that_lost_their_grid_are_told_apart_from_clouds(tmp_path):
     folder = write_polar(tmp_path / "a", 0)
     (folder / "grid.json").unlink()
