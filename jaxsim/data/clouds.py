@@ -99,23 +99,27 @@ def read_scan(path: Path, rows: str) -> Cloud:
 def fitted_spec(path: Path, rows: str) -> LidarSpec:
     """The beam table fitted to one scan; the nominal one where lines were told by it. Fitted once while the file stays
     as it is."""
-    spec = preset(SENSOR)
     if rows == "elevation":  # rows that were told by the nominal table cannot correct it
-        return spec
-    scan = read_scan(path, rows)
-    xyz_m, row = np.asarray(scan.xyz_m), np.asarray(scan.row)
-    return fit_beams(xyz_m, row, lines=spec.rows, name=f"{SENSOR}, fitted to {path.stem}")
+        return preset(SENSOR)
+    return _fitted(read_scan(path, rows), path.stem)
 
 
 @read_once
 def compensated_spec(path: Path, rows: str) -> LidarSpec:
     """The beam table of scans like this one: fitted, or the sensor's nominal one where the car's motion was taken out
     of it, as of the odometry benchmark's, so that no cone fits its lines."""
-    try:
-        return fitted_spec(path, rows)
-    except (ValueError, UnorderedCloud):
-        read_scan(path, rows)  # a scan that cannot be read is no matter of motion
+    if rows == "elevation":
         return preset(SENSOR)
+    scan = read_scan(path, rows)  # a scan that cannot be read is no matter of motion
+    try:
+        return _fitted(scan, path.stem)
+    except ValueError:
+        return preset(SENSOR)
+
+
+def _fitted(scan: Cloud, name: str) -> LidarSpec:
+    xyz_m, row = np.asarray(scan.xyz_m), np.asarray(scan.row)
+    return fit_beams(xyz_m, row, lines=preset(SENSOR).rows, name=f"{SENSOR}, fitted to {name}")
 
 
 def _lines(path: Path, xyz_m: Float[np.ndarray, "n 3"], rows: str) -> Int[np.ndarray, " n"]:
