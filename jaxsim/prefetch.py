@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from itertools import islice
-from typing import TypeVar
+from typing import Any, TypeVar
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -22,11 +22,15 @@ def prefetch(
     """
     left = iter(items)
     waiting = deque(pool.submit(make, item) for item in islice(left, ahead + 1))
-    return _taken(waiting, (pool.submit(make, item) for item in left))
+    taken = _taken(waiting, (pool.submit(make, item) for item in left))
+    next(taken)  # into its `try`: dropped before the first is taken, it cancels what waits, too
+    return taken
 
 
-def _taken(waiting: deque[Future[_Result]], more: Iterator[Future[_Result]]) -> Iterator[_Result]:
+def _taken(waiting: deque[Future[_Result]], more: Iterator[Future[_Result]]) -> Iterator[Any]:
+    """None, and then the results."""
     try:
+        yield None
         while waiting:
             yield waiting.popleft().result()
             waiting.extend(islice(more, 1))

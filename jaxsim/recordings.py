@@ -17,8 +17,9 @@ import jax
 import numpy as np
 
 from jaxsim.cloud.formats import save_cloud, table_of
+from jaxsim.data.polar_checks import LATEST_S
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.files import check_apart, file_of, need, replacing
+from jaxsim.files import file_of, need, replacing
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.progress import Progress, counted
@@ -157,6 +158,8 @@ def write_rrd(path: Path, clouds: Iterable[Stamped]) -> None:
 
 WHOLE_FILE = {"mcap": write_mcap, "osi": write_osi, "rrd": write_rrd}
 """Forms that hold all frames in one file."""
+SPAN_S = {"mcap": (0, 2**31 - 1), "osi": (0, LATEST_S)}
+"""Seconds that a form's clock tells: a ROS message's has 32 bits, and the standard of OSI has none below 0."""
 
 
 def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int = 0) -> int:
@@ -177,10 +180,11 @@ def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int
     bar = Progress(names, unit="cloud", desc="writing")
     if to in WHOLE_FILE:
         times_s = _times(frames, names)
+        _check_times(times_s, names, to)
         WHOLE_FILE[to](out, (Stamped(times_s[k], table_of(*_cloud(frames, name))) for k, name in enumerate(bar)))
         return len(names)
-    if to == "npz":
-        check_apart(out, folder, by="frames")
+    if to == "npz" and (out / "grid.json").is_file():
+        raise ValueError(f"frames: {out} holds polar frames, whose place clouds would take; give another --out")
     # Those that are there, too: nothing tells of what frames they are.
     for name in bar:
         cloud, time_s = _cloud(frames, name)
@@ -207,3 +211,14 @@ def _times(frames: PolarFrames, names: Sequence[str]) -> list[float]:
         "recording has all a tenth of a second apart, and who reads it takes that for true"
     )
     return [number / 10 for number in range(len(names))]
+
+
+def _check_times(times_s: Sequence[float], names: Sequence[str], to: str) -> None:
+    """Raises ValueError for the first time that the form `to` cannot hold."""
+    low, high = SPAN_S.get(to, (-LATEST_S, LATEST_S))
+    for name, time_s in zip(names, times_s, strict=True):
+        if not low <= time_s <= high:
+            raise ValueError(
+                f"frames: the time of {name} in grid.json is {time_s:.12g} s; --to {to} holds {low:g} to {high:.12g} "
+                "s: count from the first frame, or leave the times of all frames out"
+            )

@@ -67,6 +67,12 @@ def test_every_file_and_module_of_the_code_that_is_named_exists(page):
     assert not lost_names(prose(page))
 
 
+@pytest.mark.parametrize("page", TODAY, ids=names(TODAY))
+def test_every_table_that_is_named_with_its_file_stands_there(page):
+    named = re.findall(r"`([A-Z_]+)`\s+of\s+`(jaxsim/[\w/]+\.py)`", page.read_text())
+    assert [(name, file) for name, file in named if not re.search(rf"^{name}\b", (ROOT / file).read_text(), re.M)] == []
+
+
 def test_what_moved_is_where_the_changelog_says():
     """The last column of its tables; the others name what is no more."""
     rows = re.findall(r"^\|.*\| (.*) \|$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)

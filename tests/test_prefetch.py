@@ -46,7 +46,8 @@ def test_what_spoils_an_item_is_told_when_its_turn_comes():
             next(made)
 
 
-def test_what_has_not_begun_when_no_more_are_taken_is_never_made():
+@pytest.mark.parametrize("taken", [0, 1])
+def test_what_has_not_begun_when_no_more_are_taken_is_never_made(taken):
     begun, go = [], Event()
 
     def slow(k: int) -> int:
@@ -58,7 +59,7 @@ def test_what_has_not_begun_when_no_more_are_taken_is_never_made():
     with ThreadPoolExecutor(1) as pool:
         made = prefetch(pool, slow, range(9), ahead=4)
         try:
-            assert next(made) == 0
+            assert [next(made) for _ in range(taken)] == [0] * taken
             made.close()
         finally:
             go.set()  # or the pool would wait for ever

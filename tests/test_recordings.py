@@ -57,7 +57,7 @@ def test_a_missing_rerun_is_named(tmp_path, monkeypatch):
 
 
 def test_a_frame_becomes_a_file_with_a_point_a_return(tmp_path):
-    folder, _ = sides(tmp_path, scenes=3)
+    folder, other = sides(tmp_path, scenes=3)
     assert export_frames(folder, tmp_path / "clouds", "npz", every=2) == 2
     frames = open_polar_frames(folder)
     files = sorted((tmp_path / "clouds").iterdir())
@@ -73,8 +73,9 @@ def test_a_frame_becomes_a_file_with_a_point_a_return(tmp_path):
     files[0].write_bytes(b"of another")
     export_frames(folder, tmp_path / "clouds", "npz", most=1)
     assert files[0].read_bytes() == content
-    with pytest.raises(ValueError, match=r"is read, and would be written into; give another --out"):
-        export_frames(folder, folder, "npz")
+    for polar in (folder, other):
+        with pytest.raises(ValueError, match=rf"^frames: {polar} holds polar frames, .* give another --out"):
+            export_frames(folder, polar, "npz")
 
 
 def test_a_folder_without_frames_is_told(tmp_path):
@@ -105,3 +106,16 @@ def test_where_some_frames_lack_a_time_none_has_one(tmp_path, monkeypatch, caplo
     export_frames(folder, tmp_path / "a.mcap", "mcap")
     assert "1 of 3 frames have no time in grid.json, so that those of 2 frames are left out" in caplog.text
     assert written == [[1.3e9, 1.3e9 + 1, 1.3e9 + 2], [0.0, 0.1, 0.2]]
+
+
+@pytest.mark.parametrize(("to", "time_s"), [("mcap", -0.1), ("mcap", 2.0**31), ("osi", -1.0)])
+def test_a_time_that_a_form_cannot_hold_is_told_before_anything_is_written(tmp_path, to, time_s):
+    folder, _ = sides(tmp_path, scenes=3)
+    grid = json.loads((folder / "grid.json").read_text())
+    for k, about in enumerate(grid["frames"].values()):
+        about["time"] = [0.0, time_s, 1.0][k]
+    (folder / "grid.json").write_text(json.dumps(grid))
+    name, out = [*grid["frames"]][1], tmp_path / f"drive_sd.{to}"
+    with pytest.raises(ValueError, match=rf"^frames: the time of {name} in grid\.json is {time_s:.12g} s; --to {to} "):
+        export_frames(folder, out, to)
+    assert not out.exists()

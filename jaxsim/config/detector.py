@@ -177,7 +177,7 @@ class DetectorExperiment(Checked):
     """Only points that the camera sees, as published: KITTI labels nothing else."""
     scored: Literal["all", "inside"] = "all"
     """Labels that validation scores count: all, as in KITTI's evaluation, or only those inside the range of the voxels,
-    for a range shorter than KITTI's; the others are then DontCare."""
+    for a range shorter than KITTI's; the others are then ignored, as KITTI ignores labels beyond a difficulty."""
     voxels: VoxelConfig = field(default_factory=VoxelConfig)
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)

@@ -6,14 +6,13 @@ Points alone come from `.bin` files, as KITTI has them, and from `.npz`, as `jax
 from __future__ import annotations
 
 import warnings
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.kitti_files import read_velodyne
-from jaxsim.files import array_names, files_in, read_arrays, read_once
+from jaxsim.files import array_names, files_in, read_arrays, read_once, repeated
 from jaxsim.frame import Cloud
 from jaxsim.geometry import LidarSpec, UnorderedCloud, fit_beams, preset, recover_rows, rows_by_elevation
 from jaxsim.geometry.points import check_points
@@ -48,7 +47,7 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n c"]:
 
     Raises ValueError where the file is broken, is no cloud, or holds what no LiDAR measures (`check_points`).
     """
-    if path.suffix == ".bin":
+    if path.suffix.lower() == ".bin":
         return np.column_stack(read_velodyne(path))
     arrays = read_arrays(path, ("xyz", "intensity"), by="clouds")
     xyz_m, intensity = arrays.get("xyz"), arrays.get("intensity")
@@ -72,8 +71,7 @@ def cloud_files(folder: Path) -> list[Path]:
     """The clouds of a folder, by name; none where there is no such folder. Raises ValueError where a name comes twice,
     once with each suffix."""
     files = files_in(folder, *SUFFIXES)
-    twice = [file.stem for file, after in pairwise(files) if file.stem == after.stem]
-    if twice:
+    if twice := repeated(file.stem for file in files):
         raise ValueError(f"clouds: {folder} holds {twice[0]} twice, as {' and '.join(SUFFIXES)}; leave one")
     return files
 
@@ -101,23 +99,27 @@ def read_scan(path: Path, rows: str) -> Cloud:
 def fitted_spec(path: Path, rows: str) -> LidarSpec:
     """The beam table fitted to one scan; the nominal one where lines were told by it. Fitted once while the file stays
     as it is."""
-    spec = preset(SENSOR)
     if rows == "elevation":  # rows that were told by the nominal table cannot correct it
-        return spec
-    scan = read_scan(path, rows)
-    xyz_m, row = np.asarray(scan.xyz_m), np.asarray(scan.row)
-    return fit_beams(xyz_m, row, lines=spec.rows, name=f"{SENSOR}, fitted to {path.stem}")
+        return preset(SENSOR)
+    return _fitted(read_scan(path, rows), path.stem)
 
 
 @read_once
 def compensated_spec(path: Path, rows: str) -> LidarSpec:
     """The beam table of scans like this one: fitted, or the sensor's nominal one where the car's motion was taken out
     of it, as of the odometry benchmark's, so that no cone fits its lines."""
-    try:
-        return fitted_spec(path, rows)
-    except (ValueError, UnorderedCloud):
-        read_scan(path, rows)  # a scan that cannot be read is no matter of motion
+    if rows == "elevation":
         return preset(SENSOR)
+    scan = read_scan(path, rows)  # a scan that cannot be read is no matter of motion
+    try:
+        return _fitted(scan, path.stem)
+    except ValueError:
+        return preset(SENSOR)
+
+
+def _fitted(scan: Cloud, name: str) -> LidarSpec:
+    xyz_m, row = np.asarray(scan.xyz_m), np.asarray(scan.row)
+    return fit_beams(xyz_m, row, lines=preset(SENSOR).rows, name=f"{SENSOR}, fitted to {name}")
 
 
 def _lines(path: Path, xyz_m: Float[np.ndarray, "n 3"], rows: str) -> Int[np.ndarray, " n"]:

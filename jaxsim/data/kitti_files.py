@@ -29,6 +29,8 @@ LABEL_COLUMNS = (
 """Names of a label's numbers, after its kind."""
 MOST, MOST_SIZE_M = 1e4, 100.0
 """No number of a label is larger, and no object longer: a tram has 40 m."""
+LEVEL = 0.5
+"""Cosine of the steepest slope of a road: what is steeper is a wall."""
 LOST_POINTS = PAGE_BYTES // 16
 """So many points of zeros, one after another, are bytes that a disk reserved and that nothing was written to."""
 MOST_POINTS = 4_000_000
@@ -108,7 +110,8 @@ def read_motion(path: Path) -> tuple[float, float]:
 
 
 def read_plane(path: Path) -> Float[np.ndarray, " 4"]:
-    """Road plane a, b, c, d of `planes/NNNNNN.txt` (Chen et al.'s, as OpenPCDet uses), in the labels' frame; b < 0."""
+    """Road plane a, b, c, d of `planes/NNNNNN.txt` (Chen et al.'s, as OpenPCDet uses), in the labels' frame; a, b, c
+    are its unit normal, and b is at most -LEVEL."""
     lines = _text(path).split("\n")
     fourth = lines[3] if len(lines) > 3 else ""
     right = f"kitti: {path}: the fourth line must hold the plane's four numbers"
@@ -120,6 +123,11 @@ def read_plane(path: Path) -> Float[np.ndarray, " 4"]:
         raise ValueError(
             f"kitti: {path}: the road lies {abs(plane[3]) / normal:g} m from the camera; it must be in metres, and at "
             f"most {APART_M:g}"
+        )
+    if abs(plane[1]) < LEVEL * normal:
+        raise ValueError(
+            f"kitti: {path}: the road's normal is {' '.join(fourth.split()[:3])}; a road's points up, nearly 0 -1 0: "
+            "fit the plane to points of the road, or leave the frame out"
         )
     return plane / normal * (-1 if plane[1] > 0 else 1)
 
@@ -172,7 +180,7 @@ def read_labels(path: Path) -> Boxes:
     A `DontCare` region is a rectangle in the image alone: its 3-D fields are 0 and mean nothing. `occluded` are KITTI's
     levels, or, where one of a file is a fraction, all the hidden share 0..1 (float), as `jaxsim export --occlusion
     paper` writes it. Raises ValueError, with the line, for another count of columns, unknown kinds, numbers that are
-    not finite, sizes of 0 or less, and other values of `occluded`.
+    not finite, rectangles whose sides are swapped, sizes of 0 or less, and other values of `occluded` and `truncated`.
     """
     rows = _rows_of(path)
     for line, row in rows:
@@ -271,7 +279,8 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
 
 
 def _check_numbers(path: Path, line: int, row: list[str], *, numbers: Float[np.ndarray, " 14"]) -> None:
-    """Raises ValueError for columns that hold no object: not finite, a size of 0 or less, a strange `occluded`."""
+    """Raises ValueError for columns that hold no object: not finite, a rectangle whose sides are swapped, a size of 0
+    or less, a strange `occluded` or `truncated`."""
     if not np.isfinite(numbers).all():
         bad = int(np.argmin(np.isfinite(numbers)))
         raise ValueError(
@@ -284,11 +293,21 @@ def _check_numbers(path: Path, line: int, row: list[str], *, numbers: Float[np.n
             f"kitti: {path}, line {line}: {LABEL_COLUMNS[bad]} of {row[0]} is {row[bad + 1]}; no metre, pixel or "
             f"radian of a label is beyond {MOST:g}: mend the label or leave the object out"
         )
+    if (numbers[3:5] > numbers[5:7]).any():
+        raise ValueError(
+            f"kitti: {path}, line {line}: the rectangle of {row[0]} is {' '.join(row[4:8])}; it must be left, top, "
+            "right, bottom"
+        )
     if row[0] == "DontCare":
         return
-    if numbers[1] != round(numbers[1]) and not 0 < numbers[1] < 1:
+    if not (0 < numbers[1] < 1 or numbers[1] in range(4)):
         raise ValueError(
             f"kitti: {path}, line {line}: occluded is {row[2]}; it is a whole number 0..3, or the hidden share 0..1"
+        )
+    if numbers[0] < 0:
+        raise ValueError(
+            f"kitti: {path}, line {line}: truncated is {row[1]}; it is the share outside the image, 0..1, or in the "
+            "tracking set a level 0..2"
         )
     if not ((numbers[7:10] > 0) & (numbers[7:10] <= MOST_SIZE_M)).all():
         raise ValueError(

@@ -29,6 +29,8 @@ FASTEST_MPS = 150.0
 """No car that carries a LiDAR drives faster: 540 km/h."""
 UNEVEN = 0.5
 """Columns by which a column may lie off even spacing: half a column is where rays are looked up in the next one."""
+STEEPEST_RAD = np.pi / 2 + 1e-3
+"""Of a beam, and of the angle between a ray and a surface's normal: a right angle that may be rounded."""
 TURNS_RAD = 4 * np.pi
 """A heading or a beam's angle beyond it is in degrees."""
 
@@ -58,6 +60,19 @@ def angles_of(path: Path, name: str, given: Any) -> Float[np.ndarray, " n"]:
                 f"polar frames: {path}: azimuth must be evenly spaced, and column {int(off.argmax())} lies "
                 f"{off.max():.2g} columns off; sort the firings into even columns (`jaxsim frames` does)"
             )
+        # Half a column of slack for azimuths that are rounded.
+        width, turn = float(angles[0] - angles[-1]), 2 * np.pi
+        if width > turn - width / (angles.size - 1) / 2:
+            raise ValueError(
+                f"polar frames: {path}: azimuth spans {width:.5f} rad from the first of {angles.size} columns to the "
+                "last, which lies on the first or beyond; a turn's last column lies one step before its first: leave "
+                "out the last column, here and in every array, where it is the first again"
+            )
+    elif np.abs(angles).max() > STEEPEST_RAD:
+        raise ValueError(
+            f"polar frames: {path}: elevation spans {angles.min():g}..{angles.max():g}; no beam looks beyond the "
+            "zenith, pi/2, or the nadir, -pi/2: one across the vertical axis lies on the other side's azimuth"
+        )
     if rising.size:
         k = int(rising[0])
         raise ValueError(
@@ -182,10 +197,15 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             )
     if "semantic" in arrays:
         check_classes(arrays["semantic"], f"polar frames: {path}")
-    if "incidence" in arrays and not all_within(arrays["incidence"][range_m > 0], 0, np.pi / 2 + 1e-3):
+    if "incidence" in arrays and not all_within(arrays["incidence"][range_m > 0], 0, STEEPEST_RAD):
         raise ValueError(
             f"polar frames: {path}: incidence spans {span_in_words(arrays['incidence'][range_m > 0])} where the ray "
             "hits; it must be the angle between ray and surface normal in radians, 0 head on to pi/2"
+        )
+    if "time" in arrays and not np.isfinite(arrays["time"][range_m > 0]).all():
+        raise ValueError(
+            f"polar frames: {path}: time spans {span_in_words(arrays['time'][range_m > 0])} where the ray hits; it "
+            "must be finite seconds, or be left out"
         )
     if "rgb" in arrays:
         rgb = arrays["rgb"]

@@ -12,7 +12,7 @@ from jaxsim.files import repeated
 
 _PART = re.compile(r"(\d+)(?:\s*-\s*(\d+)(?:\s*:\s*([1-9]\d*))?)?")
 _ALL_BUT = re.compile(r"\s*all\s+but\s+(.+)")
-_SPLIT = re.compile(r"((?:\d+_)*[A-Za-z]\w*)(?:\s*:\s*([1-9]\d*))?")
+_EVERY = re.compile(r"\s*:\s*([1-9]\d*)$")
 
 
 def select(text: str, dataset: Sized) -> list[int]:
@@ -27,9 +27,9 @@ def select(text: str, dataset: Sized) -> list[int]:
             raise ValueError(f"frames {text!r}: that is none of the data set's {len(dataset)}; name fewer after `but`")
         return [i for i in range(len(dataset)) if i not in left_out]
     chosen: list[int] = []
-    for part in text.split(","):
-        named = _SPLIT.fullmatch(part.strip())
-        chosen.extend(_split(text, named, dataset) if named else _range(text, part.strip(), len(dataset)))
+    for part in map(str.strip, text.split(",")):
+        numbered = _PART.fullmatch(part)
+        chosen.extend(_range(text, numbered, len(dataset)) if numbered else _split(text, part, dataset))
     if twice := repeated(chosen):
         raise ValueError(f"frames {text!r}: frame {twice[0]} is named more than once; name each frame once")
     return chosen
@@ -60,26 +60,24 @@ def frame_number(index: Any, name: str, count: int) -> int:
     return position % count
 
 
-def _range(text: str, part: str, length: int) -> range:
-    match = _PART.fullmatch(part)
-    if match is None:
-        raise ValueError(f"frames {text!r}: {part!r} is no frame number; write e.g. 0-3,7 or 0-8:4")
+def _range(text: str, match: re.Match[str], length: int) -> range:
     first = int(match[1])
     last = first if match[2] is None else int(match[2])
     if last < first:
-        raise ValueError(f"frames {text!r}: {part} runs backwards; write {last}-{first}")
+        raise ValueError(f"frames {text!r}: {match[0]} runs backwards; write {last}-{first}")
     if last >= length:
         raise ValueError(f"frames {text!r}: there is no frame {last}; the data set has 0-{length - 1}")
     return range(first, last + 1, int(match[3] or 1))
 
 
-def _split(text: str, match: re.Match[str], dataset: Sized) -> list[int]:
+def _split(text: str, part: str, dataset: Sized) -> list[int]:
     splits: dict[str, list[int]] = getattr(dataset, "splits", {})
-    if why := getattr(dataset, "lacks", {}).get(match[1]):
+    name, *every = _EVERY.split(part)
+    if why := getattr(dataset, "lacks", {}).get(name):
         raise ValueError(f"frames {text!r}: {why}")
-    if match[1] not in splits:
+    if name not in splits:
         known = f", and the data set has no part of that name; it has {', '.join(splits)}" if splits else ""
-        raise ValueError(f"frames {text!r}: {match[1]!r} is no frame number{known}; write e.g. 0-3,7 or 0-8:4")
-    if not splits[match[1]]:
-        raise ValueError(f"frames {text!r}: no frame of {match[1]} is here; --data.scenes leaves out all of it")
-    return splits[match[1]][:: int(match[2] or 1)]
+        raise ValueError(f"frames {text!r}: {name!r} is no frame number{known}; write e.g. 0-3,7 or 0-8:4")
+    if not splits[name]:
+        raise ValueError(f"frames {text!r}: no frame of {name} is here; --data.scenes leaves out all of it")
+    return splits[name][:: int(every[0]) if every else 1]

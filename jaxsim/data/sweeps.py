@@ -135,7 +135,7 @@ def read_pcap(
     `full_scale` and where not one turn is whole.
     """
     path = Path(path)
-    if meta is not None or path.suffix == ".pcap":
+    if meta is not None or path.suffix.lower() == ".pcap":
         meta = path.with_suffix(".json") if meta is None else Path(meta)
     if intensity not in _FULL_SCALE:
         raise ValueError(f"ouster: no intensity {intensity!r}; known: {', '.join(_FULL_SCALE)}")

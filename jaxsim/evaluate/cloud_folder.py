@@ -137,19 +137,19 @@ def detect_folder(folder: CloudFolder, learned: LearnedDetector, out: Path) -> F
     """Writes OUT/results/NAME.txt of every cloud of a folder; one that is there is not made again.
 
     `CloudFolder.claim` sees to it that those are of the same making. Raises ValueError where there is no cloud, and,
-    once the others are done, for those that are broken or lack intensity.
+    once the others are done, for those that are broken, or lack intensity, a calibration or an image.
     """
     experiment = learned.experiment
     files = clouds_in(folder.clouds)
     paths = {file.stem: out / "results" / f"{file.stem}.txt" for file in files}
     todo = {file.stem: file for file in files if not paths[file.stem].is_file()}
-    views = {name: folder.view(name) for name in todo}
+    views: dict[str, View] = {}
     failures: list[str] = []
 
     def clouds_to_do() -> Iterator[tuple[str, np.ndarray]]:
         for name, file in todo.items():
             try:
-                points = read_points(file)
+                points, views[name] = read_points(file), folder.view(name)
             except (ValueError, OSError) as error:
                 failures.append(str(error))
                 continue
@@ -161,7 +161,7 @@ def detect_folder(folder: CloudFolder, learned: LearnedDetector, out: Path) -> F
     detections = find_all(finder, learned.network, clouds_to_do(), total=len(todo), more_room="raise --max-voxels")
     for name, boxes in detections:
         objects += len(boxes.score)
-        write_detections(paths[name], boxes, experiment.detector.anchors.kind, view=views[name])
+        write_detections(paths[name], boxes, experiment.detector.anchors.kind, view=views.pop(name))
     check_all_done(failures, len(todo), by="detect")
     return Found(objects, len(todo))
 

@@ -34,6 +34,8 @@ _log = logging.getLogger(__name__)
 
 STEP_POINTS = 8192
 """Clouds are filled up to multiples of this, so that few sizes are compiled."""
+UNKNOWN = 3
+"""KITTI's `occluded` beyond every difficulty."""
 Find = Callable[[Network, np.ndarray], tuple[Detected, dict[str, int]]]
 
 
@@ -107,8 +109,9 @@ def find_all(
 
 
 def scored_labels(scene: Scene, experiment: DetectorExperiment) -> Boxes:
-    """The labels that a scene is scored by: where `scored` is `inside`, those outside the range are DontCare.
+    """The labels that a scene is scored by: where `scored` is `inside`, those outside the range are `UNKNOWN`.
 
+    KITTI ignores them in every metric, found or not; a DontCare region would excuse what is found in the image alone.
     Hidden shares (fractions in `occluded`) become the levels of the same difficulty, 0 or 1: the official evaluation
     reads no fractions. Raises ValueError for a scene without labels.
     """
@@ -120,8 +123,7 @@ def scored_labels(scene: Scene, experiment: DetectorExperiment) -> Boxes:
     if experiment.scored == "all":
         return labels
     near = inside(lidar_boxes(labels, scene.view.rect_from_velo), experiment.voxels)
-    kinds = tuple(kind if n else "DontCare" for kind, n in zip(labels.kind, near, strict=True))
-    return replace(labels, kind=kinds)
+    return replace(labels, occluded=np.where(near, labels.occluded, UNKNOWN))
 
 
 def kitti_curves(scenes: Sequence[Scene], detected: Sequence[Detected], experiment: DetectorExperiment) -> list[Curve]:

@@ -8,8 +8,8 @@ Wasserstein and Fréchet distances), grows faster than the folder, and is taken 
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,12 +20,12 @@ from jaxtyping import Float, Int
 from jaxsim.cloud import points_of
 from jaxsim.data.clouds import SUFFIXES, cloud_files, read_cloud
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.files import files_in
+from jaxsim.files import files_in, placed
 from jaxsim.frame import Array, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, pad_points, polar_to_points, room_for, same_grid
 from jaxsim.metrics import Score
 from jaxsim.metrics.bev import BINS, COUNTS, jensen_shannon, lidm_occupancy, mmd
-from jaxsim.metrics.chamfer import chamfer
+from jaxsim.metrics.chamfer import Chamfer, chamfer
 from jaxsim.metrics.conditional import conditional_intensity, intensity_table
 from jaxsim.metrics.frechet import frechet_distance_of
 from jaxsim.metrics.rangenet import Kernels, range_features
@@ -48,6 +48,8 @@ class Folder:
     names: tuple[str, ...]
     frames: PolarFrames | None
     """None: a folder of clouds."""
+    clouds: Mapping[str, Path] = field(default_factory=dict)
+    """Files of such a folder by name."""
 
     @property
     def grid(self) -> PolarGrid | None:
@@ -63,16 +65,15 @@ class Folder:
         """Rows x, y, z (m), intensity (0..1; 0 where a cloud has none)."""
         if self.frames is not None:
             return points_of(polar_to_points(self.image(name)[0], self.frames.grid))
-        path = self.path / f"{name}.bin"
-        points = read_cloud(path if path.is_file() else path.with_suffix(".npz"))
+        points = read_cloud(self.clouds[name])
         return points if points.shape[1] == 4 else np.pad(points, ((0, 0), (0, 1)))
 
 
 def open_folder(path: Path) -> Folder:
     """A folder of polar frames (with grid.json) or of clouds. Raises ValueError where it is neither."""
     polar = (path / "grid.json").is_file()
-    names = [file.stem for file in (files_in(path, *SUFFIXES) if polar else cloud_files(path))]
-    if not names:
+    files = {file.stem: file for file in (files_in(path, *SUFFIXES) if polar else cloud_files(path))}
+    if not files:
         raise ValueError(
             f"generation: {path} holds no frames; give a folder of polar frames (grid.json, NAME.npz; `jaxsim "
             "discover --help` tells the format) or of clouds (.bin with x, y, z, intensity float32, or .npz with xyz)"
@@ -80,7 +81,7 @@ def open_folder(path: Path) -> Folder:
     if polar:
         frames = open_polar_frames(path)
         return Folder(path, frames.names, frames)
-    return Folder(path, tuple(names), None)
+    return Folder(path, tuple(files), None, clouds=files)
 
 
 def spaced(names: Sequence[str], most: int) -> list[str]:
@@ -208,6 +209,13 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
     return tables[0], tables[1], classes
 
 
+def _chamfer(a: Folder, b: Folder, name: str) -> Chamfer:
+    """Distances of the frames of one name. Raises ValueError, with the name, where one has no points."""
+    clouds = [folder.points(name)[:, :3] for folder in (a, b)]
+    with placed(f"generation: {name}"):
+        return chamfer(*clouds)
+
+
 def generation_scores(
     a: Folder, b: Folder, *, rangenet: Kernels | None = None, compared: int = COMPARED
 ) -> dict[str, Score]:
@@ -222,7 +230,7 @@ def generation_scores(
     shared = sorted({*a.names} & {*b.names})
     if shared:
         named = Progress(shared, desc="frames of the same name", unit="frame")
-        pairs = [chamfer(a.points(name)[:, :3], b.points(name)[:, :3]) for name in named]
+        pairs = [_chamfer(a, b, name) for name in named]
         if same := [name for name, pair in zip(shared, pairs, strict=True) if pair.distance_m == 0]:
             _log.warning(
                 f"generation: the points of {len(same)} of {len(shared)} frames of one name are the same in {a.path} "

@@ -16,6 +16,7 @@ MOST_PIXELS = 2**26
 MOST_BYTES = 512 * 2**20
 PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
+_SCAN = 0xDA
 
 
 def read_pixels(path: Path | str, flags: int, *, by: str) -> np.ndarray:
@@ -68,18 +69,20 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
     """Rows and columns. Raises ValueError where it is no JPEG, or its end is missing. Source: ITU-T T.81, B.1, B.2."""
     if not data.startswith(_JPEG):
         raise ValueError("neither PNG nor JPEG")
-    if b"\xff\xd9" not in data[-1024:]:
-        raise ValueError("the JPEG is cut off")
+    rows = columns = marker = 0
     at = len(_JPEG)
-    while True:
+    while marker != _SCAN:
         while data[at] == 0xFF:
             at += 1
         marker, (length,) = data[at], struct.unpack_from(">H", data, at + 1)
         # Start of frame: all of C0..CF but the tables DHT, JPG and DAC.
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             rows, columns = struct.unpack_from(">HH", data, at + 4)
-            return rows, columns
         at += 1 + length
+    # Before the scan a thumbnail may have an end of its own, and behind the image's end bytes of others may follow.
+    if data.find(b"\xff\xd9", at) < 0:
+        raise ValueError("the JPEG is cut off")
+    return rows, columns
 
 
 def write_image(path: Path | str, rgb: np.ndarray, *, by: str) -> Path:

@@ -6,12 +6,13 @@ beam's points lie on the cone z = h + rho tan e. c is an azimuth as a column tha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import PolarGrid
+from jaxsim.geometry.polar import exact_column, spans_turn
 
 ENOUGH_POINTS = 30
 """A ring with fewer points says nothing of its own beam."""
@@ -278,13 +279,8 @@ def assign_columns(
     points keep their distance in columns, and slip by one where they would be more than 3/4 of a column off.
     Columns outside the grid are negative or too large.
     """
-    azimuths = np.asarray(grid.azimuth_rad, np.float64)
-    columns = len(azimuths)
-    step = (azimuths[0] - azimuths[-1]) / (columns - 1)
-    centre = (azimuths[0] + azimuths[-1]) / 2
-    right = centre - azimuth_rad.astype(np.float64)
-    right -= 2 * np.pi * np.round(right / (2 * np.pi))
-    exact = right / step + (columns - 1) / 2
+    grid = replace(grid, azimuth_rad=np.asarray(grid.azimuth_rad, np.float64))
+    exact = exact_column(azimuth_rad.astype(np.float64), grid)
     order = np.lexsort((exact, row))
     c, ring = exact[order], row[order]
     starts = np.flatnonzero(np.diff(ring, prepend=ring[:1] - 1))
@@ -298,9 +294,8 @@ def assign_columns(
         if np.abs(drift - offset).max() > _SLIP:
             offset = _slips(drift)
         result[first:last] = along + offset
-    whole_turn = abs(columns * step - 2 * np.pi) < step / 2
-    if whole_turn:
-        result = np.clip(result, 0, columns - 1)
+    if spans_turn(grid):
+        result = np.clip(result, 0, len(grid.azimuth_rad) - 1)
     column = np.empty(len(c), np.int32)
     column[order] = result
     return column

@@ -98,9 +98,14 @@ def camera_at_lidar(intrinsics: Float[np.ndarray, "3 3"]) -> Camera:
 
 def crop_camera(camera: Camera, top: int, left: int) -> Camera:
     """The camera of the image without its first `top` rows and `left` columns."""
-    shift = np.zeros(camera.intrinsics.shape, np.float32)
+    return replace(camera, intrinsics=_cropped(camera.intrinsics, top, left))
+
+
+def _cropped(intrinsics: Float[Array, "*b 3 3"], top: int, left: int) -> Float[Array, "*b 3 3"]:
+    """Intrinsics whose principal point moved by what is cut off."""
+    shift = np.zeros(intrinsics.shape, np.float32)
     shift[..., 0, 2], shift[..., 1, 2] = left, top
-    return replace(camera, intrinsics=camera.intrinsics - shift)
+    return intrinsics - shift
 
 
 def crop_offsets(size: tuple[int, int], crop: tuple[int, int]) -> tuple[int, int]:
@@ -119,8 +124,7 @@ def crop_depth_frame(frame: DepthFrame, crop: tuple[int, int]) -> DepthFrame:
 def cut_depth_frame(frame: DepthFrame, top: int, left: int, *, size: tuple[int, int]) -> DepthFrame:
     """So many rows and columns of a frame (host), from a row and a column on, with the camera of that part."""
     part = np.s_[top : top + size[0], left : left + size[1]]
-    intrinsics = np.array(frame.intrinsics, np.float32)
-    intrinsics[:2, 2] -= left, top  # the principal point moves by what is cut off
+    intrinsics = _cropped(np.asarray(frame.intrinsics, np.float32), top, left)
     rasters = (frame.rgb, frame.sparse_m, frame.given, frame.truth_m, frame.known)
     return DepthFrame(*[np.asarray(raster)[part] for raster in rasters], intrinsics=intrinsics)
 

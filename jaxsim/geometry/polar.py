@@ -43,17 +43,21 @@ def spans_turn(grid: PolarGrid) -> Bool[Array, ""]:
     return between + step > 2 * jnp.pi - step / 2
 
 
-@jax.jit
-def column_of(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Float[Array, "*b"]:
-    """Column of an azimuth: whole at cell centres, below -1/2 or above columns - 1/2 outside the window.
+def exact_column(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Float[Array, "*b"]:
+    """Column of an azimuth, in the precision of both: whole at cell centres, below -1/2 or above columns - 1/2 outside
+    the window.
 
     Azimuths are taken modulo a turn, to the side of the window that is nearer.
     """
     columns = grid.azimuth_rad.shape[0]
     centre = (grid.azimuth_rad[0] + grid.azimuth_rad[-1]) / 2
     right = centre - azimuth_rad
-    right = right - 2 * jnp.pi * jnp.round(right / (2 * jnp.pi))
+    right = right - 2 * math.pi * (right / (2 * math.pi)).round()
     return right / _step_rad(grid) + (columns - 1) / 2
+
+
+column_of = jax.jit(exact_column)
+"""`exact_column` on the device."""
 
 
 @jax.jit

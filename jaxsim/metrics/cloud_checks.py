@@ -26,7 +26,8 @@ EDGES: dict[str, Float[np.ndarray, " n"]] = {
 }
 """Bins: metres from the LiDAR, metres above it, 0..1."""
 ELEVATION_DEG, AZIMUTH_DEG = np.linspace(4, -16, 43), np.linspace(42, -42, 169)
-"""Borders of the drop map's cells, half a degree each way: what a KITTI camera sees of a scan."""
+"""Borders of the drop map's cells, 10/21 of a degree high and half a degree wide: what a KITTI camera sees of a
+scan."""
 REST = "rest"
 """Points on no object."""
 

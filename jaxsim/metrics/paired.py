@@ -63,10 +63,11 @@ def ssim_map(
     xx = _blur(x * x, window) / total
     yy = _blur(y * y, window) / total
     xy = _blur(x * y, window) / total
-    # A difference of near equals in float32 may fall a hair below 0; c2 is far larger.
-    var_x = xx - mean_x**2
-    var_y = yy - mean_y**2
-    covariance = xy - mean_x * mean_y
+    # Differences of near equals in float32: no variance is below 0, and no covariance beyond what they allow.
+    var_x = jnp.maximum(xx - mean_x**2, 0.0)
+    var_y = jnp.maximum(yy - mean_y**2, 0.0)
+    most = jnp.sqrt(var_x * var_y)
+    covariance = jnp.clip(xy - mean_x * mean_y, -most, most)
     c1, c2 = 0.01**2, 0.03**2  # K squared, data range 1
     similarity = ((2 * mean_x * mean_y + c1) * (2 * covariance + c2)) / (
         (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)

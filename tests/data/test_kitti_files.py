@@ -115,6 +115,11 @@ def label(kind="Car", occluded: object = 0, box="100 110 180 160", size="1.5 1.6
         ("Bus" + " 0" * 14, "unknown kind 'Bus'; known: Car, Van"),
         ("Car 0.00 1.35" + " 0" * 12, "line 1: occluded is 1.35; it is a whole number 0..3, or the hidden share"),
         ("Car 0.00 0 x" + " 0" * 11, "is no number"),
+        (label(occluded=-1), "line 1: occluded is -1; it is a whole number 0..3, or the hidden share"),
+        (label(occluded=4), "line 1: occluded is 4; it is a whole number 0..3, or the hidden share"),
+        (label().replace("Car 0", "Car -1"), r"line 1: truncated is -1; it is the share outside the image, 0\.\.1"),
+        (label(box="180 110 100 160"), "line 1: the rectangle of Car is 180 110 100 160; it must be left, top, right"),
+        (label(kind="DontCare", box="1 4 2 3"), "line 1: the rectangle of DontCare is 1 4 2 3"),
         (label(occluded="nan"), "line 1: occluded of Car is nan; it must be finite"),
         (label(yaw="inf"), "line 1: rotation_y of Car is inf"),
         (label(place="0 -inf 20"), "line 1: y of Car is -inf"),
@@ -201,6 +206,14 @@ def test_a_road_plane_in_other_units_is_refused(tmp_path):
     path = tmp_path / "000000.txt"
     path.write_text("# Matrix\nWIDTH 4\nHEIGHT 1\n-7.05e-03 -9.99e-01 -1.78e-02 1.65e+03\n")
     with pytest.raises(ValueError, match=r"000000\.txt: the road lies 1651\.\d+ m from the camera"):
+        read_plane(path)
+
+
+@pytest.mark.parametrize("normal", ["0 0 1", "1 1e-9 0"])
+def test_a_wall_is_no_road(tmp_path, normal):
+    path = tmp_path / "000000.txt"
+    path.write_text(f"# Matrix\nWIDTH 4\nHEIGHT 1\n{normal} 1.65\n")
+    with pytest.raises(ValueError, match=rf"000000\.txt: the road's normal is {normal}; a road's points up"):
         read_plane(path)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from jaxsim.data.polar_checks import angles_of
 from jaxsim.data.polar_frames import read_frame, read_grid
-from jaxsim.geometry.sensor import PRESETS
+from jaxsim.geometry.sensor import PRESETS, full_grid
 
 
 def test_grid_without_elevation_is_named(tmp_path):
@@ -70,6 +70,7 @@ WORDS = np.full((3, 5), "road")
         ("rgb", np.full((3, 5, 3), 0.5), r"must lie in 0\.\.255"),
         ("time", WORDS, "time holds <U4"),
         ("time", np.ones(5), r"time is \(5,\)"),
+        ("time", np.full((3, 5), np.nan), "time spans nothing, 15 of 15 NaN or infinite where the ray hits"),
     ],
 )
 def test_rasters_that_cannot_be_right_are_named(tmp_path, key, value, message):
@@ -111,6 +112,9 @@ NAN = float("nan")
         ({"elevation": [-0.3, -0.1, 0.03]}, "top beam first, but row 1"),
         ({"elevation": [0.03, -0.3, -0.1]}, r"row 2 \(-0\.10000 rad\) does not lie below row 1"),
         ({"elevation": [0.03, -0.1, -0.1]}, "sort the beams by elevation"),
+        ({"elevation": [1.7, 0.0, -0.1]}, r"elevation spans -0\.1\.\.1\.7; no beam looks beyond the zenith"),
+        ({"azimuth": np.linspace(np.pi, -np.pi, 100).tolist()}, r"azimuth spans 6\.28319 rad .* leave out the last"),
+        ({"azimuth": np.linspace(6.2, -6.2, 100).tolist()}, r"azimuth spans 12\.40000 rad from the first of 100"),
         ({"elevation": "three"}, "elevation must be a list of numbers in radians"),
     ],
 )
@@ -121,6 +125,12 @@ def test_grids_that_cannot_be_right_are_named(tmp_path, content, message):
         read_grid(tmp_path)
 
 
+def test_times_may_be_missing_where_nothing_returned(tmp_path):
+    lost = np.eye(3, 5, dtype=bool)
+    np.savez(tmp_path / "a.npz", **RIGHT | {"range": np.where(lost, 0, 1.0), "time": np.where(lost, np.nan, 0.1)})
+    read_frame(tmp_path, "a")
+
+
 def test_beams_of_real_sensors_fall(samples):
     for path in samples.glob("ouster/*.json"):
         text = path.read_text()
@@ -128,3 +138,4 @@ def test_beams_of_real_sensors_fall(samples):
         angles_of(path, "elevation", beams.tolist())
     for spec in PRESETS.values():
         angles_of(Path(spec.name), "elevation", spec.elevation_rad.tolist())
+        angles_of(Path(spec.name), "azimuth", full_grid(spec).azimuth_rad.tolist())

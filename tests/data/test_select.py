@@ -74,6 +74,15 @@ def test_names_may_begin_with_a_date():
     assert select("2011_09_26_drive_0001:2", Dated(range(3))) == [1]
 
 
+def test_a_list_may_have_any_name_that_is_no_number_and_has_no_comma():
+    class Listed(list):
+        splits: ClassVar = {"my-list": [1, 2], "5 % of it": [0, 2]}
+
+    assert select("my-list, 0", Listed(range(3))) == [1, 2, 0]
+    assert select("5 % of it : 2", Listed(range(3))) == [0]
+    assert select("all but my-list", Listed(range(3))) == [0]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

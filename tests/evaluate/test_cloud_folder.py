@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 from jaxsim.detect.results import Detected
-from jaxsim.evaluate.cloud_folder import AT_LIDAR, CloudFolder, clouds_in, read_points, write_detections
+from jaxsim.detect.steps import Network
+from jaxsim.evaluate.cloud_folder import (
+    AT_LIDAR,
+    CloudFolder,
+    clouds_in,
+    detect_folder,
+    read_points,
+    write_detections,
+)
+from jaxsim.evaluate.detector import LearnedDetector
+from jaxsim.files import files_in
+from tests.detect.tiny import EXPERIMENT
 
 
 def test_broken_clouds_are_named(tmp_path):
@@ -46,3 +57,18 @@ def test_without_a_calibration_boxes_are_written_as_seen_from_the_lidar_without_
     words = (tmp_path / "a.txt").read_text().split()
     assert words[4:8] == ["0", "0", "0", "0"]
     assert [float(word) for word in words[11:14]] == pytest.approx([-2, 1.75, 10], abs=0.01)
+
+
+def test_a_missing_calibration_is_told_once_the_other_clouds_are_done(samples, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "jaxsim.evaluate.cloud_folder.make_find",
+        lambda _: lambda network, points: (Detected(np.zeros((0, 7), np.float32), np.zeros(0, np.float32)), {}),
+    )
+    folder = CloudFolder(tmp_path / "clouds", samples / "kitti_object/training/calib")
+    folder.clouds.mkdir()
+    for name in ("000000", "000001", "none"):
+        np.float32([[1, 2, 3, 0.5]]).tofile(folder.clouds / f"{name}.bin")
+    detector = LearnedDetector(EXPERIMENT, Network({}, {}))
+    with pytest.raises(ValueError, match=r"^detect: 1 of 3 pieces of work failed, the others are done; .*none\.txt"):
+        detect_folder(folder, detector, tmp_path / "out")
+    assert [path.name for path in files_in(tmp_path / "out/results", ".txt")] == ["000000.txt", "000001.txt"]

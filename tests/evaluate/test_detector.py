@@ -8,10 +8,11 @@ import pytest
 
 from jaxsim.config import DataConfig
 from jaxsim.data.synthetic import SyntheticWorld
-from jaxsim.detect.results import Detected
+from jaxsim.detect.results import Detected, outlines
+from jaxsim.detect.scenes import View
 from jaxsim.detect.steps import Network
 from jaxsim.evaluate.detector import experiment_scenes, find_all, kitti_curves, main_scores, mean_curves
-from tests.detect.tiny import EXPERIMENT, scene
+from tests.detect.tiny import EXPERIMENT, RECT_FROM_VELO, scene
 
 SCENES = [scene(seed) for seed in range(8)]
 
@@ -49,6 +50,18 @@ def test_labels_outside_the_range_count_only_where_all_do():
     assert everything["AP_3d_moderate"].value < 80
     within = scored(inside, replace(EXPERIMENT, voxels=near, scored="inside"))
     assert within["AP_3d_moderate"].count == few
+
+
+def test_a_car_that_is_found_outside_the_range_costs_nothing_in_any_metric():
+    wide = View(np.array([[800.0, 0, 3000], [0, 800, 300], [0, 0, 1]]), RECT_FROM_VELO, RECT_FROM_VELO, (900, 6000))
+    seen = [outlines(s.boxes.astype(np.float64), wide).astype(np.float32) for s in SCENES]
+    scenes = [replace(s, view=wide, labels=replace(s.labels, bbox_px=px)) for s, px in zip(SCENES, seen, strict=True)]
+    ahead_m = np.sort(np.concatenate([s.boxes[:, 0] for s in scenes]))
+    nearer = replace(EXPERIMENT.voxels, range_m=(0, -12.8, -3, float(ahead_m[-2:].mean()), 12.8, 1))
+    curves = kitti_curves(scenes, the_labels(scenes), replace(EXPERIMENT, voxels=nearer, scored="inside"))
+    assert {c.metric for c in curves} == {"bbox", "bev", "3d", "aos"}
+    assert {c.truths for c in curves} == {47}
+    np.testing.assert_allclose([c.ap_r40 for c in curves], 100)
 
 
 def test_a_scene_without_labels_is_refused():

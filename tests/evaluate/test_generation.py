@@ -78,6 +78,12 @@ def test_clouds_have_the_distances_that_clouds_allow(tmp_path):
     assert not any(name.startswith(("swd", "intensity")) for name in scores)
 
 
+def test_a_cloud_is_read_from_the_file_that_was_listed(tmp_path):
+    points = np.float32([[1, 2, 3, 0.5], [4, 5, 6, 0.25]])
+    points.tofile(tmp_path / "a.BIN")
+    np.testing.assert_array_equal(open_folder(tmp_path).points("a"), points)
+
+
 @pytest.mark.long
 def test_what_adds_up_is_of_all_frames_and_what_is_compared_of_some_evenly_spaced(tmp_path):
     a = open_folder(write_polar(tmp_path / "a", 0, names="abcdefghi"))
@@ -104,6 +110,13 @@ def test_a_cloud_without_a_point_in_a_definitions_ranges_is_named(tmp_path):
         ValueError, match=r"^generation: .*b/b has no point within the ranges of .*; leave it out of both"
     ):
         generation_scores(open_folder(a), open_folder(b))
+
+
+def test_a_cloud_without_points_is_named_also_where_it_is_not_compared(tmp_path):
+    a, b = (write_polar(tmp_path / name, 0) for name in "ab")
+    write_frame(b, "b", PolarImage(*(np.zeros((ROWS, COLUMNS), kind) for kind in ("f4", "f4", bool))))
+    with pytest.raises(ValueError, match=r"^generation: b: chamfer: a cloud is empty; leave the frame out"):
+        generation_scores(open_folder(a), open_folder(b), compared=2)
 
 
 def test_polar_frames_that_lost_their_grid_are_told_apart_from_clouds(tmp_path):

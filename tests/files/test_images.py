@@ -11,7 +11,7 @@ import pytest
 from jaxsim.data.kitti_depth import read_kitti_depth
 from jaxsim.data.kitti_files import read_image
 from jaxsim.data.vkitti2_files import read_indexed
-from jaxsim.files import read_pixels, write_image
+from jaxsim.files import image_of, read_pixels, write_image
 from jaxsim.files.images import PNG
 
 IMAGE = np.random.default_rng(0).integers(0, 255, (20, 30, 3)).astype(np.uint8)
@@ -51,3 +51,15 @@ def test_a_png_of_40000_by_40000_is_refused_before_it_is_unpacked(tmp_path, read
         read(tmp_path / "a.png")
     assert tracemalloc.get_traced_memory()[1] < 2**24
     tracemalloc.stop()
+
+
+def test_a_jpeg_ends_where_its_scan_does_whatever_stands_before_or_behind(tmp_path):
+    path = tmp_path / "a.jpg"
+    cv2.imwrite(str(path), IMAGE)
+    whole = path.read_bytes()
+    path.write_bytes(whole + bytes(4096))
+    np.testing.assert_array_equal(read_image(path), image_of(whole, cv2.IMREAD_COLOR, "a")[..., ::-1])
+    thumbnail = b"\xff\xe1" + struct.pack(">H", 2 + len(whole)) + whole
+    path.write_bytes(whole[:2] + thumbnail + whole[2:-20])
+    with pytest.raises(ValueError, match="the JPEG is cut off"):
+        read_image(path)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -27,6 +29,7 @@ from jaxsim.geometry import (
     window_grid,
     with_neighbours,
 )
+from jaxsim.geometry.polar import exact_column
 from tests.effects.streets import grid_of
 from tests.geometry.kitti_scans import CROP, OBJECT, RAW, cropped_camera, points
 
@@ -188,6 +191,14 @@ def test_columns_count_from_cell_centres_and_wrap():
     rear = GRIDS["rear"]
     assert column_of(np.float32(np.pi - 0.1), rear) == pytest.approx(9.5, abs=1e-4)
     assert column_of(np.float32(-np.pi + 0.1), rear) == pytest.approx(5.5, abs=1e-4)
+
+
+def test_columns_of_host_arrays_keep_their_precision():
+    fine = replace(WINDOW, azimuth_rad=np.asarray(WINDOW.azimuth_rad, np.float64))
+    azimuth = np.linspace(-4, 4, 99)
+    column = exact_column(azimuth, fine)
+    assert column.dtype == np.float64
+    np.testing.assert_allclose(column, column_of(azimuth.astype(np.float32), WINDOW), atol=1e-3)
 
 
 def test_the_fast_azimuth_is_the_arctangent():

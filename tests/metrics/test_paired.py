@@ -38,6 +38,13 @@ def test_scores_equal_scikit_image_where_every_cell_counts():
     np.testing.assert_allclose(np.asarray(ssim_map(x, y, everywhere))[inner], want[inner], atol=2e-4)
 
 
+@pytest.mark.parametrize("level", [0.01, 0.3, 0.99])
+def test_an_image_is_never_more_like_itself_than_1(level):
+    x = np.full(SHAPE, level, np.float32)
+    similarity = np.asarray(ssim_map(x, x, np.ones(SHAPE, bool)))
+    assert 1 - 1e-4 < similarity.min() <= similarity.max() < 1 + 1e-6
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**31))
 def test_what_lies_in_masked_cells_changes_no_score(seed):

@@ -250,7 +250,7 @@ def _scene(file: Path) -> str:
 
 
 def _has(*suffixes: str) -> Callable[[Path], bool]:
-    return lambda path: path.suffix in suffixes or (path.is_dir() and bool(files_in(path, *suffixes)))
+    return lambda path: path.suffix.lower() in suffixes or (path.is_dir() and bool(files_in(path, *suffixes)))
 
 
 def _is_carla(path: Path) -> bool:

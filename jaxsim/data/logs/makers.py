@@ -273,14 +273,14 @@ def _times_beside(scan: Path) -> Path:
 
 
 def _is_ouster(path: Path) -> bool:
-    if path.suffix == ".osf":
+    if path.suffix.lower() == ".osf":
         return True
-    return path.suffix == ".pcap" and path.with_suffix(".json").is_file()
+    return path.suffix.lower() == ".pcap" and path.with_suffix(".json").is_file()
 
 
 def _is_kitti(path: Path) -> bool:
     if not path.is_dir():
-        return path.suffix == ".bin" and not path.name.endswith(".pcd.bin")
+        return path.suffix.lower() == ".bin" and not path.name.endswith(".pcd.bin")
     # The folder of the scans itself is one, too: `velodyne`, or a raw drive's `velodyne_points/data`.
     return any(
         one.name.startswith("velodyne")
@@ -297,7 +297,7 @@ def _is_sweep(file: Path) -> bool:
 SOURCES: dict[str, Source] = {
     "ouster": Source("Ouster: .pcap with its .json, .osf", _is_ouster, ouster_items, "ouster"),
     "velodyne": Source(
-        "Velodyne: .pcap", lambda p: p.suffix == ".pcap" and not _is_ouster(p), velodyne_items, "velodyne"
+        "Velodyne: .pcap", lambda p: p.suffix.lower() == ".pcap" and not _is_ouster(p), velodyne_items, "velodyne"
     ),
     "nuscenes": Source(
         "nuScenes: LIDAR_TOP/*.pcd.bin",
@@ -306,7 +306,7 @@ SOURCES: dict[str, Source] = {
     ),
     "argoverse2": Source(
         "Argoverse 2: sensors/lidar/*.feather",
-        lambda p: any(map(_is_sweep, files_below(p, ".feather"))) if p.is_dir() else p.suffix == ".feather",
+        lambda p: any(map(_is_sweep, files_below(p, ".feather"))) if p.is_dir() else p.suffix.lower() == ".feather",
         argoverse2_items,
         "argoverse2",
     ),

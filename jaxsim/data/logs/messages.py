@@ -81,7 +81,7 @@ def scan_of_message(message: Any, options: LogOptions, *, name: str, scene: str)
 
 def ros_items(path: Path, options: LogOptions) -> Iterator[Item]:
     """The clouds of one topic: of an .mcap, a ROS 2 bag (folder), or a ROS 1 .bag."""
-    messages = _mcap_messages(path, options) if path.suffix == ".mcap" else _bag_messages(path, options)
+    messages = _mcap_messages(path, options) if path.suffix.lower() == ".mcap" else _bag_messages(path, options)
     stem, number = path.stem, 0
     frame = ""
     with reading("ros", path, "it is cut off or damaged: `mcap recover`, `ros2 bag reindex`, or copy it again"):
@@ -156,7 +156,7 @@ def _check_records(file: BinaryIO, *, kind: int, length: int) -> None:
 
 def _bag_messages(path: Path, options: LogOptions) -> Iterator[Any]:
     any_reader = need("rosbags.highlevel", "ros", by="ros").AnyReader
-    if path.suffix == ".bag":
+    if path.suffix.lower() == ".bag":
         with path.open("rb") as file:
             file.readline()  # the version
             _check_records(file, kind=0, length=4)  # heads of records, and their data
@@ -174,7 +174,7 @@ def osi_items(path: Path, options: LogOptions) -> Iterator[Item]:
     several = False
     with reading("osi", path, "it is cut off, or not a trace of SensorView or SensorData messages"):
         kind, topic = _osi_kind(path, options)
-        if path.suffix != ".mcap":
+        if path.suffix.lower() != ".mcap":
             _check_lengths(path)
         trace = trace_type(str(path), kind, topic=topic)
         try:
@@ -197,7 +197,7 @@ def osi_items(path: Path, options: LogOptions) -> Iterator[Item]:
 
 def _check_lengths(path: Path) -> None:
     """Raises ValueError where a message of a trace is shorter than its length says, for which room would be made."""
-    with (lzma.open if path.suffix in (".xz", ".lzma") else Path.open)(path, "rb") as file:
+    with (lzma.open if path.suffix.lower() in (".xz", ".lzma") else Path.open)(path, "rb") as file:
         while head := file.read(4):
             left = promised = int.from_bytes(head, "little")
             while left and promised <= _LARGEST_MESSAGE and (got := len(file.read(min(left, 2**20)))):
@@ -208,7 +208,7 @@ def _check_lengths(path: Path) -> None:
 
 def _osi_kind(path: Path, options: LogOptions) -> tuple[str, str | None]:
     """Type of a trace's messages, and its topic: by the schema of an .mcap, by the name of an .osi (`..._sv_...`)."""
-    if path.suffix != ".mcap":
+    if path.suffix.lower() != ".mcap":
         # An .osi says nothing of its messages but in its name, as the standard recommends.
         words = path.stem.lower().replace("-", "_").split("_")
         return ("SensorData" if "sd" in words or "sensordata" in words else "SensorView"), None
@@ -310,9 +310,9 @@ def _osi_detections(detections: Any, options: LogOptions, *, name: str, scene: s
 
 
 def _is_osi(path: Path) -> bool:
-    if path.suffix in (".osi", ".xz", ".lzma"):
+    if path.suffix.lower() in (".osi", ".xz", ".lzma"):
         return True
-    if path.suffix != ".mcap" or not path.is_file():
+    if path.suffix.lower() != ".mcap" or not path.is_file():
         return False
     with path.open("rb") as file:
         is_mcap = file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
@@ -323,7 +323,7 @@ SOURCES: dict[str, Source] = {
     "osi": Source("ASAM OSI traces: .osi, .mcap", _is_osi, osi_items, "osi"),
     "ros": Source(
         "ROS 2 bags, MCAP and ROS 1 bags with PointCloud2",
-        lambda path: path.suffix in (".mcap", ".bag", ".db3") or (path / "metadata.yaml").is_file(),
+        lambda path: path.suffix.lower() in (".mcap", ".bag", ".db3") or (path / "metadata.yaml").is_file(),
         ros_items,
         "ros",
     ),

@@ -180,7 +180,9 @@ def _read(file: Path, *, scale: float, ids: np.ndarray | None) -> LogScan:
 
 
 def _takes(path: Path) -> bool:
-    files = [path] if path.suffix == ".npz" and path.is_file() else files_in(path, ".npz") if path.is_dir() else []
+    files = (
+        [path] if path.suffix.lower() == ".npz" and path.is_file() else files_in(path, ".npz") if path.is_dir() else []
+    )
     return bool(files) and "scan" in array_names(files[0], by="range images")
 
 

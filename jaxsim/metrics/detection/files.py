@@ -126,12 +126,11 @@ def _numbers(path: Path, line: int, row: list[str], *, what: str) -> list[float]
         hint = {15: " (15 is a label, without score)", 16: " (16 is a detection, with score)"}.get(len(row), "")
         raise ValueError(f"detection: {path}, line {line} has {len(row)} columns{hint}; a {what} has {wanted}")
     values = numbers(row[1:], where=f"detection: {path}, line {line}: columns 2 to {wanted} are numbers")
-    # One sum tells of any value that is too large or none; which one it is, is asked only then.
-    if not sum(map(abs, values)) < MOST:
-        bad = next((k for k, number in enumerate(values) if not abs(number) < MOST), 0)
+    # One sum tells of nearly every line that no value is too large or none; only of others each is asked.
+    if not sum(map(abs, values)) < MOST and (bad := [k for k, number in enumerate(values) if not abs(number) < MOST]):
         raise ValueError(
-            f"detection: {path}, line {line}: column {bad + 2} is {row[bad + 1]}; leave out a box that is not finite, "
-            f"or beyond {MOST:g} (a diverged network writes such)"
+            f"detection: {path}, line {line}: column {bad[0] + 2} is {row[bad[0] + 1]}; leave out a box that is not "
+            f"finite, or beyond {MOST:g} (a diverged network writes such)"
         )
     left, top, right, bottom = values[3:7]
     if left > right or top > bottom:

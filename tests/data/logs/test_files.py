@@ -29,6 +29,12 @@ def test_pandasets_scan_keeps_its_rows_and_nearly_all_its_points(samples, tmp_pa
     assert np.median(np.abs(np.diff(image.range_m, axis=1))[both]) < 0.1
 
 
+def test_a_suffix_in_capitals_is_no_other(tmp_path, fields):
+    kind, frames = frames_of(pcd(tmp_path / "SCAN.PCD", fields, "binary"), tmp_path / "out")
+    assert kind == "pcd"
+    check(frames, fields)
+
+
 @pytest.mark.parametrize("order", ["<", ">", "ascii"])
 def test_ply_of_every_byte_order(tmp_path, fields, order):
     plyfile = pytest.importorskip("plyfile", reason="plyfile is not installed")

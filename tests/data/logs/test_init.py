@@ -126,3 +126,15 @@ def test_the_table_has_a_line_a_family_and_what_to_install():
     lines = source_table().splitlines()
     assert [line.split()[0] for line in lines] == [*known_sources()]
     assert any(line.endswith("pip install 'jaxsim-lidar[ros]'") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        *(("A.LAS", "las"), ("A.PLY", "ply"), ("A.PCAP", "velodyne"), ("A.OSF", "ouster"), ("A.FEATHER", "argoverse2")),
+        *(("A.BIN", "kitti"), ("A.OSI", "osi"), ("A.MCAP", "ros"), ("A.BAG", "ros")),
+    ],
+)
+def test_a_suffix_in_capitals_tells_the_kind(tmp_path, name, kind):
+    (tmp_path / name).touch()
+    assert source_for(tmp_path / name)[0] == kind

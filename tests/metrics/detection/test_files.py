@@ -36,3 +36,10 @@ def test_files_that_cannot_be_scored_are_named(tmp_path):
         (found / "000000.txt").write_text(f"{car(1, score=0.4)}\n{line}\n")
         with pytest.raises(ValueError, match=message):
             read_detections(found)
+
+
+def test_each_value_is_measured_and_not_their_sum(tmp_path):
+    words = car(0, score=0.5).split()
+    words[4:8] = ["0", "0", "60000", "60000"]
+    (tmp_path / "000000.txt").write_text(" ".join(words))
+    assert read_detections(tmp_path).bbox_px.tolist() == [[0, 0, 60000, 60000]]
