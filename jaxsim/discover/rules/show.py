@@ -41,7 +41,11 @@ class ShowRules:
     usual_intensity_noise: float = 0.25
     """... and noise of intensities, as a share of them (a convention, likewise) ..."""
     usual_random_loss: float = 0.02
-    """... and rays lost within smooth surfaces (a convention, likewise)."""
+    """... and rays lost within smooth surfaces (a convention, likewise) ..."""
+    usual_range_step_m: float = 0.005
+    """... and the step of ranges, m, up to which a lattice is said after all else (a convention, likewise) ..."""
+    usual_intensity_step: float = 0.004
+    """... as that of intensities: eight bits (a convention, likewise)."""
     coarser_step: float = 1.5
     """A lattice is missing, and an effect that rounds a candidate, if its step is so many times the simulator's (a
     judgement, not calibrated)."""
