@@ -41,7 +41,7 @@ ELSEWHERE = {
 }
 """Commands that need streets to tell effects apart in, and where they are run as they stand."""
 MAKERS = {
-    "ouster": {"intensity_quantization", "intensity_offset", "range_falloff"},
+    "ouster": {"intensity_quantization", "oren_nayar", "near_range_overlap"},
     "argoverse": {"intensity_quantization"},
     "kitti": {"intensity_quantization", "beam_gain", "incidence_cosine", "atmospheric_extinction"},
 }

@@ -11,6 +11,7 @@ import pytest
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
+from jaxsim.files.whole import HOST
 from jaxsim.geometry import preset
 from jaxsim.pairs import shards as pair_shards
 from jaxsim.pairs.prepared import prepared
@@ -49,7 +50,9 @@ def test_what_stopped_at_half_goes_on_to_the_bytes_of_what_did_not(raw_root, out
         make_set(tmp_path / "half", kitti(raw_root), PREPARE, size=1, **settings)
     with pytest.raises(ValueError, match=r"1\.0\.0\.making is not finished; the jaxsim prepare that began it"):
         open_dataset(of(tmp_path / "half"))
-    (tmp_path / "half/jaxsim_pairs/kitti_raw/1.0.0.making/.7.jaxsim_pairs-train.array_record-00001-of-00002").touch()
+    killed = f".jaxsim-{HOST}-{os.getpid()}-{'0' * 9}"  # an earlier process that had this one's number
+    making = tmp_path / "half/jaxsim_pairs/kitti_raw/1.0.0.making"
+    (making / f"{killed}.jaxsim_pairs-train.array_record-00001-of-00002").touch()
     made.append(None)
     made.append(None)
     make_set(tmp_path / "half", kitti(raw_root), PREPARE, size=1, **settings)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.find.covariates import CURVES, Dependence
+from jaxsim.discover.find.covariates import CURVES, PRODUCTS, Dependence
 from jaxsim.discover.name import unexplained
 from jaxsim.discover.name.unexplained import agreed, shape_of
 from jaxsim.effects.learned import OFFSET
@@ -59,7 +59,7 @@ def test_additions_are_tried_where_intensities_follow_the_readout(monkeypatch, s
     assert sorted(name for name, law in tried if law == "offset curve") == sorted(added)
     # And the product that is tried whatever residuals show.
     assert "range x incidence" in {name for name, _ in tried}
-    assert len(curves) == len(tried) == min(len(strongest), 3) + len(added) + 1
+    assert len(curves) == len(tried) == min(len(strongest), 3) + len(added) + len(PRODUCTS["intensity"])
 
 
 def test_a_wave_of_one_turn_is_a_wave():
