@@ -219,7 +219,10 @@ def test_from_a_raw_log_to_a_verdict_by_two_commands(here, samples, standard_pro
     for command in commands:
         main(shlex.split(command)[1:])
     verdict = json.loads(Path(f"{maker}_answer/verdict.json").read_text())
-    assert {effect["name"] for effect in verdict["effects"]} == MAKERS[maker]
+    said = [{effect["name"], *effect["look_alikes"]} for effect in verdict["effects"]]
+    # Of two that the answer cannot tell apart either may come first.
+    assert len(said) == len(MAKERS[maker])
+    assert all(any(name in one for one in said) for name in MAKERS[maker])
 
 
 @pytest.mark.slow
