@@ -138,8 +138,10 @@ def gains_as_fitted(step: FittedStep, rest: Problem) -> Float[np.ndarray, " s"]:
 
 def shown_by(step: FittedStep, problem: Problem, classes: Sequence[int]) -> str:
     """Finds classes whose surfaces are partly others on the two sides: their names, where they alone show an effect on
-    ranges or losses that was fitted to a problem; empty where others do, or where they are most of what is seen."""
-    if "intensity" in step.chosen.effect.channels or step.chosen.effect.casts or not classes:
+    ranges or losses that was fitted to a problem; empty where others do, or where they are most of what is seen, and of
+    a lattice (as in `denied_without`)."""
+    effect = step.chosen.effect
+    if "intensity" in effect.channels or effect.casts or effect.name in FINEST or not classes:
         return ""
     semantic, hit = np.asarray(problem.ev.rays.semantic), np.asarray(problem.ev.rays.hit)
     of_these = np.isin(semantic, classes)

@@ -111,10 +111,10 @@ def test_what_turns_rays_is_not_asked_of_single_classes(chosen_of):
 
 
 def test_a_lattice_is_not_asked_of_single_classes(chosen_of):
-    step, problem = chosen_of("road")
+    step, problem = chosen_of("building")
     for name in FINEST:
         lattice = replace(step, chosen=replace(step.chosen, effect=EFFECTS[name]))
-        assert denied_without(lattice, problem) == ""
+        assert denied_without(lattice, problem) == shown_by(lattice, problem, [IDS["building"]]) == ""
 
 
 def test_rays_that_are_left_out_count_for_nothing():
