@@ -203,9 +203,7 @@ def rank_correlation(first: Float[np.ndarray, " n"], second: Float[np.ndarray, "
     return float(np.corrcoef(*ranks)[0, 1])
 
 
-def difference_interval(
-    first: Float[np.ndarray, " s"], second: Float[np.ndarray, " t"], *, level: float = RULES.interval_level
-) -> tuple[float, float]:
+def difference_interval(first: Float[np.ndarray, " s"], second: Float[np.ndarray, " t"]) -> tuple[float, float]:
     """Interval of mean(first) - mean(second), in their unit, of two independent groups of scenes whose scatter may
     differ (Welch 1947, doi 10.1093/biomet/34.1-2.28); NaN where either has fewer than two scenes."""
     if min(len(first), len(second)) < 2:
@@ -218,7 +216,7 @@ def difference_interval(
         return centre, centre
     # Degrees of freedom by Welch and Satterthwaite: near those of the group that scatters more.
     freedom = variance**2 / (variance_first**2 / (len(first) - 1) + variance_second**2 / (len(second) - 1))
-    half = float(stdtrit(freedom, 0.5 + level / 2) * np.sqrt(variance))
+    half = float(stdtrit(freedom, 0.5 + RULES.interval_level / 2) * np.sqrt(variance))
     return centre - half, centre + half
 
 

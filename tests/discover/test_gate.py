@@ -106,15 +106,14 @@ def test_a_baseline_allows_what_was_so_before(tmp_path):
     assert colour_of(check_verdict(gate(tmp_path, baseline="verdict.json"), verdict)) == "gap"
 
 
-def test_rounding_is_no_more_than_a_baseline_of_nothing(tmp_path):
-    verdict = results.none().verdict
-    nothing = replace(verdict, gap=verdict.gap | {"range": replace(verdict.gap["range"], before=0.0)})
-    nothing.save(tmp_path)
-    asked = gate(tmp_path, baseline="verdict.json")
-    for before, colour in ((1e-7, "pass"), (0.01, "gap")):
-        now = replace(nothing, gap=nothing.gap | {"range": replace(nothing.gap["range"], before=before)})
-        [check] = [one for one in check_verdict(asked, now) if one.name == "range against baseline"]
-        assert check.colour == colour
+@pytest.mark.parametrize(("now_m", "colour"), [(0.0, "pass"), (1e-7, "pass"), (0.01, "gap")])
+def test_rounding_is_no_more_than_a_baseline_of_nothing(tmp_path, now_m, colour):
+    def apart(by_m):
+        gap = results.none().verdict.gap
+        return replace(results.none().verdict, gap={"range": replace(gap["range"], before=by_m)})
+
+    apart(0.0).save(tmp_path)
+    assert colour_of(check_verdict(gate(tmp_path, baseline="verdict.json"), apart(now_m))) == colour
 
 
 @pytest.mark.parametrize("frames", ["17", 16.5, True, 0, [17]])

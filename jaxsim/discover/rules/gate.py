@@ -49,6 +49,5 @@ class GateRules:
     """Quantile of such a row's ranges that is the road's: walls and cars are nearer than the road beneath them (a
     judgement, not calibrated)."""
     watch_least: float = 1e-3
-    """Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm; and the least scatter and
-    the least change of returns that has none, for means of equal shares differ by rounding (a judgement, not
-    calibrated)."""
+    """Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm; and the least width of
+    an interval by which changes are ranked (a judgement, not calibrated)."""

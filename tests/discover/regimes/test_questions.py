@@ -27,28 +27,19 @@ def test_a_tag_divides_where_enough_scenes_have_it_and_enough_do_not(facts):
     np.testing.assert_array_equal(tags[0].between_scenes(facts.scene), [[*[False] * 5, *[True] * 5]])
 
 
-def test_every_moment_leaves_enough_scenes_to_both_sides(facts):
+@pytest.mark.parametrize("at_once", [1, 2], ids=["apart", "two cars recorded at once"])
+def test_every_moment_leaves_enough_scenes_to_both_sides(facts, at_once):
+    time_s = np.array(facts.scan.time_s)
+    time_s[:at_once] = time_s[0]
+    facts = replace(facts, scan=replace(facts.scan, time_s=time_s))
     asked = [one for one in questions(facts) if one.divides == "time"]
     assert len(asked) == 2
     for one in asked:
         scenes = one.between_scenes(facts.scene)
         assert scenes is not None
         assert (np.minimum(scenes.sum(1), (~scenes).sum(1)) >= RULES.regime_fewest_scenes).all()
+        assert (scenes[:, :at_once] == scenes[:, :1]).all()
     # From a moment on, or until one: as many as there are cuts, each from both sides.
-    assert len(asked[0].regions) == 2 * (FRAMES + 1 - 2 * RULES.regime_fewest_scenes)
-
-
-def test_scenes_that_share_a_moment_are_divided_as_scenes(facts):
-    time_s = np.array(facts.scan.time_s)
-    time_s[1] = time_s[0]  # two cars recorded at once
-    shared = replace(facts, scan=replace(facts.scan, time_s=time_s))
-    asked = [one for one in questions(shared) if one.divides == "time"]
-    assert len(asked) == 2
-    for one in asked:
-        scenes = one.between_scenes(facts.scene)
-        assert scenes is not None
-        assert (np.minimum(scenes.sum(1), (~scenes).sum(1)) >= RULES.regime_fewest_scenes).all()
-        assert (scenes[:, 0] == scenes[:, 1]).all()
     assert len(asked[0].regions) == 2 * (FRAMES + 1 - 2 * RULES.regime_fewest_scenes)
 
 
