@@ -14,7 +14,7 @@ from jaxsim.discover.law.learn import ranked_beside
 from jaxsim.discover.mounting.constant import brought_back, place_mounting
 from jaxsim.discover.name.answer import Answer, name_effects
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.closer_look import believed, fulfilled, told_whole, undecided
+from jaxsim.discover.name.closer_look import believed, fulfilled, lattices_of, told_whole, undecided
 from jaxsim.discover.name.doubts import Doubts
 from jaxsim.discover.name.look_alikes import with_look_alikes
 from jaxsim.discover.name.other_sides import OtherSides
@@ -80,8 +80,9 @@ def ask(placed: Placed, *, nulls: int, log: Log) -> Asked:
         log(f"undecided: {', '.join(hopeful)}; asked once more, of {columns} columns a frame")
         hoped = [one for one in catalogue if one.name in hopeful]
         if fulfilled(hoped, nearer.found.null_model.problem, bar=answer.choice.bars.effect):
-            again, beside_these = asked(nearer, catalogue=hoped)
-            if believed(again):
+            lattices = [one for one in catalogue if one.name in lattices_of(answer)]
+            again, beside_these = asked(nearer, catalogue=[*lattices, *hoped])
+            if believed(again, answer):
                 placed, answer = nearer, told_whole(again, answer)
                 others = beside_these
     return Asked(placed, tuple(catalogue), answer, others, contrast, note, without, one_material)

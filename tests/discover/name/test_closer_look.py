@@ -1,6 +1,7 @@
 """A closer look, at more columns of the same frames, where the first leaves effects undecided."""
 
 import inspect
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -36,6 +37,8 @@ def test_candidates_that_are_left_with_some_hope_are_asked_once_more_with_those_
     assert undecided(answer(last=(alike, chance))) == ()
     # Beside what is named, small errors of its law would be.
     assert undecided(answer(candidate("random_dropout", 20.0, "drop"), last=(weak,))) == ()
+    # A lattice is read off, and leaves nothing.
+    assert undecided(answer(candidate("range_quantization", 20.0, "range"), last=(weak,))) == ("range_falloff",)
     assert 11 * 0.1 < RULES.closer_nats < 11 * 0.5
 
 
@@ -51,11 +54,18 @@ def test_what_was_refused_or_goes_by_edges_stays_so_and_beams_that_a_smooth_chan
 def test_a_closer_look_is_believed_where_it_leaves_nothing_over_of_what_it_names():
     loss, bent = candidate("random_dropout", 20.0, "drop"), candidate("incidence_cosine", 4.0)
     along = Dependence("intensity", "intensity", 0.01, 0.1, 50.0), candidate("curve", 3.0)
-    assert believed(answer(loss, bent))
-    assert not believed(answer())
-    assert not believed(answer(bent, curve=along))
+    assert believed(answer(loss, bent), answer())
+    assert not believed(answer(), answer())
+    assert not believed(answer(bent, curve=along), answer())
     # What is left over of intensities says nothing about losses.
-    assert believed(answer(loss, curve=along))
+    assert believed(answer(loss, curve=along), answer())
+
+
+def test_a_closer_look_beside_a_lattice_must_name_an_effect_and_keep_the_lattice():
+    lattice, bent = candidate("intensity_quantization", 20.0), candidate("incidence_cosine", 4.0)
+    assert believed(answer(lattice, bent), answer(lattice))
+    assert not believed(answer(lattice), answer(lattice))
+    assert not believed(answer(bent), answer(lattice))
 
 
 def test_a_closer_answer_keeps_what_only_the_first_look_asked():
@@ -67,8 +77,9 @@ def test_a_closer_answer_keeps_what_only_the_first_look_asked():
     assert (told.choice.refused, told.choice.needless) == ({"range_scale": NEGLIGIBLE}, ("beam_gain",))
 
 
-def asked_closer(monkeypatch, found, *, hopes: bool):
-    """What `ask` says where the first look says none, and the closer one says what was `found`; and what it asked."""
+def asked_closer(monkeypatch, found, *, hopes: bool, lattices=()):
+    """What `ask` says where the first look says none or `lattices`, and the closer one what was `found`; and what it
+    asked."""
     nearer = SimpleNamespace(
         found=looking(), division=SimpleNamespace(blocks=SimpleNamespace(column=np.zeros((2, 78))))
     )
@@ -79,7 +90,7 @@ def asked_closer(monkeypatch, found, *, hopes: bool):
 
     def answer_of(placed, *, catalogue, **more):
         names.append((placed is nearer, [effect.name for effect in catalogue]))
-        return (found if placed is nearer else answer(last=(candidate("range_falloff", 0.5),))), ()
+        return (found if placed is nearer else answer(*lattices, last=(candidate("range_falloff", 0.5),))), ()
 
     for name, stub in {
         "correlations": lambda ev: None,
@@ -108,6 +119,16 @@ def test_the_closer_answer_is_taken_where_hopes_are_fulfilled_and_asks_for_these
     assert names[1:] == ([(True, ["range_falloff"])] if hopes else [])
     assert said[0] is (nearer if hopes else first)
     assert said[2].verdict == ("named" if hopes else "none")
+
+
+def test_lattices_that_the_first_look_names_are_asked_closer_with_what_is_undecided(monkeypatch):
+    monkeypatch.setattr(stage, "Asked", lambda *given: given)
+    lattice = candidate("range_quantization", 20.0, "range")
+    monkeypatch.setattr(sys.modules[__name__], "CATALOGUE", [*CATALOGUE, lattice.effect])
+    found = answer(lattice, candidate("range_falloff", 3.0))
+    said, names, _, nearer = asked_closer(monkeypatch, found, hopes=True, lattices=(lattice,))
+    assert names[1:] == [(True, ["range_quantization", "range_falloff"])]
+    assert said[0] is nearer
 
 
 @pytest.mark.long
