@@ -22,7 +22,7 @@ from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.other_sides import goes_by_steps
 from jaxsim.discover.rules import RULES
-from jaxsim.effects import Effect
+from jaxsim.effects import Effect, Law
 
 
 def undecided(answer: Answer) -> tuple[str, ...]:
@@ -58,7 +58,7 @@ def believed(closer: Answer, first: Answer) -> bool:
     return whole and bool(named) and all(left_over not in effect.channels for effect in named)
 
 
-def laws_named(answer: Answer) -> list[Effect]:
+def laws_named(answer: Answer) -> list[Law]:
     """The effects that are named, but lattices."""
     return [step.chosen.effect for step in answer.choice.steps if step.chosen.effect.name not in FINEST]
 

@@ -12,12 +12,14 @@ by to what noise leaves; they leave out edges and moving objects.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from jaxsim.devices import side_by_side
 from jaxsim.discover.read.registration import (
     NUMBERS,
     MeasuredPoints,
@@ -145,8 +147,14 @@ def _equations(
 ) -> tuple[Float[np.ndarray, "f k k"], Float[np.ndarray, "f k"]]:
     """Gives Gauss and Newton's equations of each frame at its motion: matrix and right side of the step in what is
     free."""
-    slope, weight, off = linear(sides, motion, width, free=free)
-    return normal_equations(slope, weight, off)
+
+    def of(half: slice) -> tuple[Float[np.ndarray, "h k k"], Float[np.ndarray, "h k"]]:
+        own = motion if len(motion) == 1 else motion[half]
+        return normal_equations(*linear(sides.of_frames(half), own, width, free=free))
+
+    middle = (len(sides.range_m) + 1) // 2
+    (matrix, right), (other, of_other) = side_by_side(partial(of, slice(middle)), partial(of, slice(middle, None)))
+    return np.concatenate([matrix, other]), np.concatenate([right, of_other])
 
 
 def normal_equations(

@@ -87,6 +87,11 @@ class RegisteredSides:
         of_points = ("row", "range_m", "direction", "upward", "late", "counts")
         return replace(self, **{name: getattr(self, name)[:, ::every] for name in of_points})
 
+    def of_frames(self, frames: slice) -> RegisteredSides:
+        """Gives the same sides of some of the frames."""
+        of_frame = ("planes_m", "slopes", "row", "range_m", "direction", "upward", "late", "counts")
+        return replace(self, **{name: getattr(self, name)[frames] for name in of_frame})
+
 
 @dataclass(frozen=True)
 class Met:
@@ -166,14 +171,13 @@ def meet(sides: RegisteredSides, points: MeasuredPoints) -> Met:
     row = np.clip(row, 0, rows - 1)
     column = column % columns if sides.full else np.clip(column, 0, columns - 1)
     at = (np.arange(len(points))[:, None], row, column)
-    a = sides.azimuth_rad[column]
-    e = sides.elevation_rad[row]
+    # Of each column and row once, and not of each point.
+    cos_a, sin_a = np.cos(sides.azimuth_rad)[column], np.sin(sides.azimuth_rad)[column]
+    cos_e, sin_e = np.cos(sides.elevation_rad)[row], np.sin(sides.elevation_rad)[row]
     u, v = np.moveaxis(sides.slopes[at], -1, 0)
     # The cell's ray, its left and its up, in which slopes are written.
-    ahead = np.cos(e) - v * np.sin(e)
-    normal = np.stack(
-        [ahead * np.cos(a) - u * np.sin(a), ahead * np.sin(a) + u * np.cos(a), np.sin(e) + v * np.cos(e)], axis=-1
-    )
+    ahead = cos_e - v * sin_e
+    normal = np.stack([ahead * cos_a - u * sin_a, ahead * sin_a + u * cos_a, sin_e + v * cos_e], axis=-1)
     length = np.sqrt(1 + u * u + v * v)
     normal = normal / length[..., None]
     # Planes are written from the origin of the cell's beam, points from that of their own.
