@@ -91,7 +91,7 @@ def oracle(frame, grid, occlusion_m=1.0):
         for sign in (-1, 1):
             rr, cc = r + sign * dr, c + sign * dc
             if 0 <= rr < shape[0] and 0 <= cc < shape[1] and np.isfinite(nearest[rr, cc]):
-                steps.append(sign * (nearest[rr, cc] - nearest[r, c]))
+                steps.append(sign * (1 / nearest[rr, cc] - 1 / nearest[r, c]))
         if len(steps) == 2:
             return min(map(abs, steps)) if steps[0] * steps[1] > 0 else 0.0
         return abs(steps[0]) if steps else 0.0
@@ -100,7 +100,10 @@ def oracle(frame, grid, occlusion_m=1.0):
     for r in range(shape[0]):
         for c in range(shape[1]):
             if pixels[r][c]:
-                allowed = max(occlusion_m, 0.1 * nearest[r, c]) + 1.5 * (change(r, c, 1, 0) + change(r, c, 0, 1))
+                # A plane's inverse range changes evenly: one and a half cells of it end here.
+                end = 1 / nearest[r, c] - 1.5 * (change(r, c, 1, 0) + change(r, c, 0, 1))
+                spanned = 1 / max(end, 1e-3) - nearest[r, c]
+                allowed = max(occlusion_m, 0.1 * nearest[r, c]) + spanned
                 front = [p for p in pixels[r][c] if range_m[p] <= nearest[r, c] + allowed]
                 v, u = min(front, key=lambda p: off[p])
                 winner[r, c] = v * frame.depth_m.shape[1] + u
@@ -156,7 +159,7 @@ def test_equals_the_slow_obvious_program(seed):
 def test_any_view_paints_pixels_of_their_own_cell(seed, columns, occlusion_m):
     rng = np.random.default_rng(seed)
     frame, grid = numbered(view(street(rng) * rng.uniform(0.2, 2))), grid_of(47)
-    painted = paint(frame, grid, occlusion_m=1.0)
+    painted = paint(frame, grid, occlusion_m=occlusion_m)
     row, column, _, _ = cells_of(frame, grid)
     r, c = np.nonzero(np.asarray(painted.valid))
     pixel = np.asarray(painted.instance)[r, c]
@@ -206,6 +209,17 @@ def test_a_wall_is_never_occluded_however_it_is_turned(yaw_deg):
     near = painted.valid & (painted.range_m < 60)
     assert near.sum() > 4000
     assert (painted.occluded & near).mean() < 1e-3
+
+
+@pytest.mark.parametrize(("rows", "most"), [(16, 0.02), (32, 0.02), (64, 0.0), (128, 0.0)])
+def test_a_road_is_no_more_occluded_for_a_sensor_of_few_rows(rows, most):
+    size = (352, 1216)
+    elevation = np.deg2rad(np.linspace(2, -15, rows)).astype(np.float32)
+    grid = grid_of(372, size).replace(elevation_rad=elevation, origin_m=np.zeros(rows, np.float32))
+    painted = paint(view(plane((0, 0, 1), -1.73, size), size), grid)
+    seen = np.asarray(painted.valid)
+    assert seen.sum() > 1000
+    assert np.asarray(painted.occluded)[seen].mean() <= most
 
 
 def test_what_a_pole_hides_from_the_lidar_is_marked():

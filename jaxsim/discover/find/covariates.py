@@ -49,6 +49,8 @@ class Dependence:
     """Held-out nats, all scenes."""
     adds: bool = False
     """Whether a free curve's heights are added to the intensity, in its unit, and are no nats of a gain."""
+    steps: tuple[float, ...] = ()
+    """Where a free curve along it steps, if it is level between."""
 
     @property
     def change(self) -> str:
@@ -144,17 +146,18 @@ CURVES = {
 """A curve for each of the changes of laws, along the covariate whose basis the rays carry (`with_basis`)."""
 
 
-def with_basis(problem: Problem, covariate: str) -> Problem:
+def with_basis(problem: Problem, covariate: str, *, steps: tuple[float, ...] = ()) -> Problem:
     """The problem whose rays carry the covariate's basis, so that the one program of a channel serves all curves."""
-    return with_columns(problem, basis_along(problem, covariate))
+    return with_columns(problem, basis_along(problem, covariate, steps=steps))
 
 
-def basis_along(problem: Problem, covariate: str) -> Float[np.ndarray, "n k"]:
-    """The basis of a curve along a covariate, or along a product of two, of all rays of a problem that hit anything."""
+def basis_along(problem: Problem, covariate: str, *, steps: tuple[float, ...] = ()) -> Float[np.ndarray, "n k"]:
+    """The basis of a curve along a covariate, or along a product of two, of all rays of a problem that hit anything;
+    with `steps` one that is level between these."""
     names = parts_of(covariate)
     if len(names) > 1:
         return product_basis(problem, names, product_knots(problem, names))
-    return fixed_basis(values_along(problem, covariate), covariate)
+    return fixed_basis(values_along(problem, covariate), covariate, steps=steps)
 
 
 def product_knots(problem: Problem, names: Sequence[str]) -> list[Float[np.ndarray, " _"]]:
@@ -170,17 +173,17 @@ def product_basis(
 
 
 def heights_at(
-    here: Problem, there: Problem, *, covariate: str, numbers: Float[np.ndarray, " 36"]
+    here: Problem, there: Problem, *, along: Dependence, numbers: Float[np.ndarray, " 36"]
 ) -> Float[np.ndarray, " n"]:
     """The height at each ray of `here` that hits anything of a curve that was fitted to the rays of `there`."""
-    names = parts_of(covariate)
+    names = parts_of(along.covariate)
     if len(names) > 1:
         basis = product_basis(here, names, product_knots(there, names))
         return basis @ numbers[: basis.shape[1]]
-    known = values_along(there, covariate)
-    height = fixed_basis(known, covariate) @ numbers
+    known = values_along(there, along.covariate)
+    height = fixed_basis(known, along.covariate, steps=along.steps) @ numbers
     order = np.argsort(known, kind="stable")
-    return np.interp(values_along(here, covariate), known[order], height[order])
+    return np.interp(values_along(here, along.covariate), known[order], height[order])
 
 
 def with_columns(problem: Problem, columns: Float[np.ndarray, "n k"]) -> Problem:
@@ -199,9 +202,11 @@ def products(first: Float[np.ndarray, "n j"], second: Float[np.ndarray, "n k"]) 
     return (first[:, :, None] * second[:, None, :]).reshape(len(first), -1)
 
 
-def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
+def fixed_basis(x: np.ndarray, covariate: str, *, steps: tuple[float, ...] = ()) -> Float[np.ndarray, "n 36"]:
     """The `curve_basis` of a covariate with BASIS_COLUMNS columns: filled up with zeros where it has fewer;
-    neighbouring rows share one where there are more."""
+    neighbouring rows share one where there are more. With `steps`, a column for each part between these."""
+    if steps:
+        return np.eye(BASIS_COLUMNS, dtype=np.float32)[np.searchsorted(steps, x, side="right")]
     if covariate in CATEGORICAL:
         values, index = np.unique(x, return_inverse=True)
         return np.eye(BASIS_COLUMNS, dtype=np.float32)[index * BASIS_COLUMNS // max(len(values), BASIS_COLUMNS)]

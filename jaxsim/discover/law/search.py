@@ -43,6 +43,8 @@ KNOTS_A_CYCLE = 2.5
 """Knots of a curve that a cycle of a wave needs: two would follow any phase ..."""
 LEAST_CYCLES = 1.01
 """... but one whole cycle is always tried."""
+WAVE_NUMBERS = 4
+"""A wave's level, size, phase and period: a curve of fewer numbers is followed by one whatever it is."""
 GOLDEN = (np.sqrt(5) - 1) / 2
 """Share of its bracket that a section keeps."""
 SECTIONS = 24
@@ -223,6 +225,8 @@ def search(
     loss_of_level = loss(np.broadcast_to(np.average(curves, axis=1, weights=root**2)[:, None], curves.shape))
     best: tuple[float, Shape, ShapeFits] | None = None
     for shape in formula_shapes(variables):
+        if "sin(" in shape.expression and free < WAVE_NUMBERS:
+            continue
         fits = fit_shape(shape, curves, root)
         # A price a node, as of a description's length: a longer formula must say more.
         worth = loss_of_level - loss(fits.values) - RULES.law_price_nats * shape.nodes

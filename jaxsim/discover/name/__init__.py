@@ -9,6 +9,7 @@ each_class     what one class alone shows, or alone denies: it is not said, or a
 doubts         all that an effect is held to before it is said: the two above, and sizes that matter
 null_draws     measurements in which nothing is missing, which set the bar
 answer         which of the three answers it is
+stepped        a step of all intensities in time
 closer_look    more columns of the same frames, where the first look leaves effects undecided
 look_alikes    what an effect of one's own looks like
 simulator_contrast   whether the sensor follows the simulator's contrast, which a learned one gets wrong

@@ -138,7 +138,7 @@ class OtherSides:
         fits = [np.asarray(values["height"]) for values in curve.fitted_values]
         here = self.null_model.problem
         # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
-        column = heights_at(here, there, covariate=along.covariate, numbers=np.mean(fits, axis=0))
+        column = heights_at(here, there, along=along, numbers=np.mean(fits, axis=0))
         problem = with_columns(here, column[:, None].astype(np.float32))
         effect = CURVES[along.change]
         unit = np.zeros_like(fits[0])

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +44,7 @@ X_WORDS = {
     "power": "ln of power",
     "intensity": "ln of intensity",
     "step": "ln(1 + step / 0.3 m)",
+    "frame": "s since the first frame",
 }
 """What the x of a formula is, where it is not the covariate itself."""
 TAKEN_UP = {"intensity": ("range", "incidence", "azimuth", "even columns", "frame", "speed", "hue angle")}
@@ -55,13 +58,8 @@ def free_curves(
     """Curves along the strongest covariates of each channel, and along those that levels take up, fitted and judged
     like effects; best first. Where intensities follow the readout, additions are tried beside gains. Channels `without`
     are left out; `bar` is that of `rank_effects`."""
-    null_fits = problem.null_fits
-
-    def curve_along(dependence: Dependence) -> tuple[Dependence, Candidate]:
-        with_curve = with_basis(problem, dependence.covariate)
-        [candidate] = rank_effects(with_curve, [CURVES[dependence.change]], null_fits=null_fits, bar=bar)
-        return dependence, candidate
-
+    # They wait for these together.
+    _ = problem.null_fits
     tried: list[Dependence] = []
     for channel in [name for name in CHANNELS if name not in without]:
         strongest = [dependence for dependence in dependences if dependence.channel == channel][: RULES.curves_tried]
@@ -73,7 +71,15 @@ def free_curves(
             banks = dict.fromkeys(bank for name in names for bank in BANKS.get(name, ()))
             tried += [Dependence(channel, bank, 1.0, 0.0, 0.0, adds=True) for bank in banks]
     with ThreadPoolExecutor(THREADS) as pool:
-        return sorted(pool.map(curve_along, tried), key=lambda pair: -pair[1].total)
+        curves = pool.map(partial(curve_along, problem, bar=bar), tried)
+        return sorted(zip(tried, curves, strict=True), key=lambda pair: -pair[1].total)
+
+
+def curve_along(problem: Problem, dependence: Dependence, *, bar: float = -np.inf) -> Candidate:
+    """A free curve along what a channel may depend on, fitted and judged like an effect."""
+    with_curve = with_basis(problem, dependence.covariate, steps=dependence.steps)
+    [candidate] = rank_effects(with_curve, [CURVES[dependence.change]], null_fits=problem.null_fits, bar=bar)
+    return candidate
 
 
 def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
@@ -145,10 +151,14 @@ def at_knots(problem: Problem, dependence: Dependence, curve: Candidate) -> Curv
     """A free curve that was fitted to a problem's rays, at its knots."""
     x = values_along(problem, dependence.covariate)
     knots = np.unique(x)
-    if dependence.covariate not in CATEGORICAL and len(knots) > RULES.few_values:
+    if dependence.steps:
+        # The ends of each level part: between two of these a law goes from one level to the next.
+        parts = np.split(knots, np.searchsorted(knots, dependence.steps))
+        knots = np.unique([end for part in parts for end in (part[0], part[-1])])
+    elif dependence.covariate not in CATEGORICAL and len(knots) > RULES.few_values:
         knots = quantile_knots(x, 2 * RULES.knots)
     # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
-    basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
+    basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate, steps=dependence.steps)[len(x) :]
     numbers = np.stack([np.asarray(values["height"]) for values in curve.fitted_values])
     return CurveAtKnots(x, knots, basis, numbers)
 
@@ -193,6 +203,8 @@ def shape_of(
     cycles = np.arange(fewest, most + 0.01, 0.25) * TURN / (span or float(x[-1] - x[0]) or 1.0)
     turns = np.arange(1.0, most + 0.5) if closed else cycles
     shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight, turns=turns)]
+    if dependence.steps:
+        shapes = _spans(x, y, weight) if len(dependence.steps) > 1 else _steps(x, y, weight)
     best = min(shapes, key=unexplained)
     if unexplained(best) < RULES.shape_unlike:
         return best.character, f"{letter} ≈ {best.formula}"
@@ -211,6 +223,18 @@ def _steps(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> list[_Shape]:
         low = np.average(y[x < cut], weights=weight[x < cut])
         high = np.average(y[x >= cut], weights=weight[x >= cut])
         shapes.append(_Shape("step", f"{low:.3g} below {cut:.3g}, {high:.3g} above", 3, np.where(x < cut, low, high)))
+    return shapes
+
+
+def _spans(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> list[_Shape]:
+    """A level between two places between knots, and another before and after."""
+    shapes = []
+    for low, high in combinations((x[1:] + x[:-1]) / 2, 2):
+        within = (x >= low) & (x < high)
+        inside = np.average(y[within], weights=weight[within])
+        outside = np.average(y[~within], weights=weight[~within])
+        formula = f"{inside:.3g} from {low:.3g} to {high:.3g}, {outside:.3g} else"
+        shapes.append(_Shape("step", formula, 4, np.where(within, inside, outside)))
     return shapes
 
 

@@ -21,6 +21,18 @@ class FindRules:
     few_values: int = 40
     """Different values of a covariate up to which its curve is a parabola, as it must hold on frames it has not seen;
     and intensities that a table has at most (a judgement, not calibrated)."""
+    moment_fewest: int = 6
+    """Scenes from which on steps in time are looked for (a judgement, not calibrated) ..."""
+    moment_scenes: int = 2
+    """... scenes before and after a step, or within and outside a span, at least (the same judgement) ..."""
+    moment_level: float = 0.01
+    """... how often levels that scatter by a normal law step as clearly, at most (a judgement, not calibrated: streets'
+    levels are not quite normal, and held-out scenes are asked as well) ..."""
+    moment_nats: float = 0.15
+    """... how much brighter or darker they are, at least (a judgement, not calibrated: streets differ by 0.1) ..."""
+    moment_share: float = 0.5
+    """... and what a step may leave of levels' squares, of what a line in time leaves (a judgement, not calibrated;
+    tests/discover/find/test_moments.py)."""
     ridge: float = 4.0
     """Observations' worth of pull of a curve's knots to 0 (a judgement, not calibrated)."""
     additive_folds: int = 4

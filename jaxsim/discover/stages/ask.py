@@ -19,6 +19,7 @@ from jaxsim.discover.name.doubts import Doubts
 from jaxsim.discover.name.look_alikes import with_look_alikes
 from jaxsim.discover.name.other_sides import OtherSides
 from jaxsim.discover.name.simulator_contrast import contrast_off
+from jaxsim.discover.name.stepped import stepped
 from jaxsim.discover.read import read_comparison
 from jaxsim.discover.read.control import Control
 from jaxsim.discover.stages.place import Placed
@@ -113,6 +114,15 @@ def answer_of(
     # Of a simulator without noise the sides are no two readings of one street, but for what casting adds.
     two_readings = simulator.noisy or comparison.other_moments
     others = [*([exchanged] if two_readings else ()), *([control_sides] if control_sides else ())]
+    doubts = Doubts(
+        others,
+        exchanged=None if two_readings else exchanged,
+        noise_grows=cache(partial(range_noise_grows, comparison)),
+        may_never_act=may_never_act,
+        apart=placed.division.apart,
+        classless=comparison.classless,
+    )
+    beside = lambda curve, effects, bar: ranked_beside(null, curve, effects, bar=bar)  # noqa: E731
     answer = name_effects(
         null,
         catalogue,
@@ -120,15 +130,10 @@ def answer_of(
         nulls=nulls,
         without=without,
         unasked=HIDDEN_BY_CONTRAST if simulator.free_contrast else HIDDEN_BY_NOISE if simulator.intensities else (),
-        doubts=Doubts(
-            others,
-            exchanged=None if two_readings else exchanged,
-            noise_grows=cache(partial(range_noise_grows, comparison)),
-            may_never_act=may_never_act,
-            apart=placed.division.apart,
-            classless=comparison.classless,
-        ),
-        beside=lambda curve, effects, bar: ranked_beside(null, curve, effects, bar=bar),
+        doubts=doubts,
+        beside=beside,
         log=log,
     )
+    if "intensity" not in without:
+        answer = stepped(null, answer, doubts=doubts, beside=beside, log=log)
     return answer, others

@@ -3,7 +3,8 @@ Processing, CRV 2018), on OpenCV.
 
 Everything happens on inverted depth, `100 - depth`, where empty pixels are 0: dilation then lets the near
 surface grow over the far one, as an occluding edge does. Empty pixels travel as 0 within this file alone, so depths
-of 99.9 m and more count as empty, as published.
+of 99.9 m and more would count as empty, as published: where a sensor sees as far, depths are inverted about a little
+more than the deepest.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from jaxtyping import Bool, Float
 Blur = Literal["bilateral", "gaussian"]
 
 _INVERT_M = 100.0
+_BEYOND = 1.01  # of the deepest, where that is beyond what is published
 _EMPTY_M = 0.1  # less than this is no depth, inverted or not
 _NEAR_M, _MEDIUM_M = 15.0, 30.0
 
@@ -47,7 +49,8 @@ def fill_in_fast(
 
     `extrapolate` carries each column's topmost depth up to the image's border and fills what is left.
     """
-    d = _inverted(depth_m, valid)
+    about_m = _about(depth_m, valid)
+    d = _inverted(depth_m, valid, about_m)
     # Grow each point, close the small holes, then fill what is still empty from farther around.
     d = cv2.dilate(d, _diamond(5))
     d = cv2.morphologyEx(d, cv2.MORPH_CLOSE, _full(5))
@@ -61,7 +64,7 @@ def fill_in_fast(
         d = cv2.bilateralFilter(d, 5, 1.5, 2.0)
     else:
         d = np.where(d > _EMPTY_M, cv2.GaussianBlur(d, (5, 5), 0), d)
-    return _upright(d)
+    return _upright(d, about_m)
 
 
 def fill_in_multiscale(
@@ -72,7 +75,8 @@ def fill_in_multiscale(
     blur: Blur = "bilateral",
 ) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Near points grow by more pixels than far ones; less noise than `fill_in_fast`, slower."""
-    sparse = _inverted(depth_m, valid)
+    about_m = _about(depth_m, valid)
+    sparse = _inverted(depth_m, valid, about_m)
     near = valid & (depth_m <= _NEAR_M)
     medium = valid & (depth_m > _NEAR_M) & (depth_m <= _MEDIUM_M)
     far = valid & (depth_m > _MEDIUM_M)
@@ -98,16 +102,22 @@ def fill_in_multiscale(
         d = np.where(filled, cv2.bilateralFilter(d, 5, 0.5, 2.0), d)
     else:
         d = np.where((d > _EMPTY_M) & inside, cv2.GaussianBlur(d, (5, 5), 0), d)
-    return _upright(d)
+    return _upright(d, about_m)
 
 
-def _inverted(depth_m: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    return np.where(valid & (depth_m > _EMPTY_M), np.float32(_INVERT_M) - depth_m, 0).astype(np.float32)
+def _about(depth_m: np.ndarray, valid: np.ndarray) -> np.float32:
+    """The depth about which depths are inverted, m."""
+    deepest = float(depth_m[valid].max(initial=0))
+    return np.float32(_INVERT_M if deepest < _INVERT_M - _EMPTY_M else _BEYOND * deepest)
 
 
-def _upright(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _inverted(depth_m: np.ndarray, valid: np.ndarray, about_m: np.float32) -> np.ndarray:
+    return np.where(valid & (depth_m > _EMPTY_M), about_m - depth_m, 0).astype(np.float32)
+
+
+def _upright(d: np.ndarray, about_m: np.float32) -> tuple[np.ndarray, np.ndarray]:
     valid = d > _EMPTY_M
-    return np.where(valid, np.float32(_INVERT_M) - d, np.float32(0)), valid
+    return np.where(valid, about_m - d, np.float32(0)), valid
 
 
 def _fill_empty(d: np.ndarray, size: int, *, inside: np.ndarray | None = None) -> np.ndarray:

@@ -188,7 +188,7 @@ def test_a_product_of_range_and_incidence_is_asked_whatever_residuals_show(null)
     law = replace(form.bare, values=tuple(form.start.tolist()))
     hit = np.asarray(null.ev.rays.hit)
     np.testing.assert_allclose(
-        heights_at(null, null, covariate=best.covariate, numbers=numbers),
+        heights_at(null, null, along=best, numbers=numbers),
         np.asarray(law.height(null.ev.rays))[hit],
         atol=1e-5,
     )

@@ -52,7 +52,7 @@ def test_additions_are_tried_where_intensities_follow_the_readout(monkeypatch, s
         return [candidate("curve", 1)]
 
     monkeypatch.setattr(unexplained, "rank_effects", rank)
-    monkeypatch.setattr(unexplained, "with_basis", lambda problem, covariate: covariate)
+    monkeypatch.setattr(unexplained, "with_basis", lambda problem, covariate, steps: covariate)
     monkeypatch.setattr(unexplained, "_varies", lambda problem, covariate: False)
     along = [Dependence("intensity", name, 0.01, 0.1, 50.0) for name in strongest]
     curves = unexplained.free_curves(problem(null_fits=()), along)
