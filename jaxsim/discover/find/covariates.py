@@ -29,7 +29,7 @@ COVARIATES = {name: read for name, read in ON_HOST.items() if name not in ("colu
 BANKS = {"row": ("row", "even rows"), "even rows": ("row", "even rows"), "even columns": ("even columns",)}
 """What readouts are told apart by, and along what else where one of them tells: a readout may have a gain of its own,
 or a black level, which adds to intensities."""
-PRODUCTS = {"intensity": ("range x incidence", "range x row")}
+PRODUCTS = {"intensity": ("range x incidence", "range x row", "azimuth x row")}
 """Pairs of covariates along which curves of a channel are tried whatever the residuals show: what goes by both may go
 by neither, and levels of surfaces, each of which is seen at one range and angle, and by few beams, take it up."""
 BASIS_COLUMNS = 36

@@ -60,11 +60,12 @@ OF_SURFACES = (
 )
 NOT_ONE = "Its numbers would have to differ from class to class, which an effect of a sensor's do not"
 """What it means that classes speak against what was found: something of their surfaces, or another effect."""
-USUAL_STEPS = {
+USUAL_SIZES = {
+    "random_dropout": RULES.usual_random_loss,
     "range_quantization": RULES.usual_range_step_m,
     "intensity_quantization": RULES.usual_intensity_step,
 }
-"""Steps up to which a lattice is one that sensors usually have."""
+"""Share of rays lost, and steps of lattices, up to which these are what sensors usually have."""
 
 
 def named(
@@ -103,16 +104,16 @@ def all_named(null: Problem, steps: Sequence[Step[Any]], added: Added) -> tuple[
     )
 
 
-def lattices_last(effects: Sequence[Named]) -> tuple[Named, ...]:
-    """The effects in their order, but lattices as fine as sensors usually have after all others: beside a renderer that
-    rounds nothing every sensor has one, and of nats none gains as many."""
-    return tuple(sorted(effects, key=_is_usual_lattice))
+def usual_last(effects: Sequence[Named]) -> tuple[Named, ...]:
+    """The effects in their order, but losses at random and lattices that sensors usually have after all others: beside
+    a renderer that loses and rounds nothing every sensor has them, and of nats a lattice gains more than all else."""
+    return tuple(sorted(effects, key=_is_usual))
 
 
-def _is_usual_lattice(effect: Named) -> bool:
-    finest = USUAL_STEPS.get(effect.name, 0.0)
-    steps = [step for step in effect.parameters.values() if isinstance(step, Interval)]
-    return bool(finest and all(step.value <= finest for step in steps))
+def _is_usual(effect: Named) -> bool:
+    most = USUAL_SIZES.get(effect.name, 0.0)
+    sizes = [size for size in effect.parameters.values() if isinstance(size, Interval)]
+    return bool(most and all(size.value <= most for size in sizes))
 
 
 def ranking(choice: Selection[Any], why_not: Callable[[Any, Any], str], *, bar: float = 0.0) -> tuple[Rank, ...]:

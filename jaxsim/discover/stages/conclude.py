@@ -25,11 +25,11 @@ from jaxsim.discover.show.every_frame import HeldAnswer, JudgedRest, judge_rest,
 from jaxsim.discover.show.explain import (
     all_named,
     coarse_shapes,
-    lattices_last,
     notes,
     nuisance_changes,
     own_candidates,
     ranking,
+    usual_last,
     why_not,
 )
 from jaxsim.discover.show.sensitivity import sensitivities
@@ -89,7 +89,7 @@ def verdict_of(
     control, learned_before = placed.division.control, len(placed.mounting.known.learned)
     return Verdict(
         verdict=answer.verdict,
-        effects=lattices_last(all_named(null, choice.steps, added)),
+        effects=usual_last(all_named(null, choice.steps, added)),
         frames=len(placed.comparison.names),
         where=placed.found.where,
         unexplained=answer.unexplained,

@@ -19,7 +19,7 @@ from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.read.control import NO_CONTROL, Control
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.show.explain import coarse_shapes, lattices_last, named, notes, why_not
+from jaxsim.discover.show.explain import coarse_shapes, named, notes, usual_last, why_not
 from jaxsim.discover.verdict import Interval, Level
 from jaxsim.effects.chain import SensorModel
 from tests.discover import verdicts
@@ -194,9 +194,13 @@ def test_what_other_sides_show_as_well_is_told_with_what_that_means():
     assert "by itself, and nothing new" in own
 
 
-def test_a_lattice_that_every_sensor_has_comes_after_all_else_and_a_coarse_one_where_it_was_found():
+def test_losses_and_lattices_that_every_sensor_has_come_after_all_else_and_others_where_they_were_found():
     fine = verdicts.effect("range_quantization", "range", step_m=Interval.exact(0.002, "m"))
     coarse = verdicts.effect("intensity_quantization", "intensity", step=Interval.exact(0.02, ""))
     gain = verdicts.effect("beam_gain", "intensity", gain=Interval.exact(0.1, "nats"))
-    assert lattices_last([fine, coarse, gain]) == (coarse, gain, fine)
-    assert lattices_last([fine]) == (fine,)
+    assert usual_last([fine, coarse, gain]) == (coarse, gain, fine)
+    assert usual_last([fine]) == (fine,)
+    few, many = (
+        verdicts.effect("random_dropout", "drop", probability=Interval.exact(share, "")) for share in (0.01, 0.05)
+    )
+    assert usual_last([many, few, gain]) == (many, gain, few)
