@@ -63,8 +63,11 @@ def export_network(learned: LearnedSensor, path: Path, *, to: _Form, batch: int 
     """Writes the run's network, and beside it what its channels are.
 
     StableHLO takes any batch unless one is given, and lowers for CPU, CUDA and TPU; ONNX takes the batch given, by
-    default 1. Raises ModuleNotFoundError without what writes the file, ValueError for a batch below 1.
+    default 1. Raises ModuleNotFoundError without what writes the file, ValueError for a batch below 1 and for a `path`
+    that does not end on its form, as files of the run itself do.
     """
+    if path.suffix != f".{to}":
+        raise ValueError(f"convert: --to {to} writes NAME.{to}, and --out is {path}")
     if batch is not None and batch < 1:
         raise ValueError(f"convert: a batch of {batch}; give 1 or more")
     experiment = learned.run.experiment

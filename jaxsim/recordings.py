@@ -17,9 +17,10 @@ import jax
 import numpy as np
 
 from jaxsim.cloud.formats import save_cloud, table_of
+from jaxsim.data.logs.folder import log_of
 from jaxsim.data.polar_checks import LATEST_S
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.files import file_of, need, replacing
+from jaxsim.files import check_apart, file_of, need, replacing
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.progress import Progress, counted
@@ -167,10 +168,14 @@ def export_frames(folder: Path, out: Path, to: str, *, every: int = 1, most: int
 
     `out` is one file NAME.`to` where `to` is one of WHOLE_FILE, else a folder of such files. Every `every`-th frame is
     taken, and at most `most` (0: all). Raises ValueError for a folder without frames, for an `out` that is no file
-    of its form and for one in which clouds would take the frames' place, ModuleNotFoundError where the form's own
-    library is not installed.
+    of its form, for one in which clouds would take the frames' place and for the log that the frames were read from,
+    ModuleNotFoundError where the form's own library is not installed.
     """
     frames = open_polar_frames(folder)
+    if origin := log_of(folder):
+        # A recording holds more than its polar frames do: two returns of a ray, other fields, points of one cell.
+        beside = origin.parent if origin.is_file() and to not in WHOLE_FILE else None
+        check_apart(out, origin, beside, by="frames")
     names = frames.names[::every][: most or None]
     if to in WHOLE_FILE and (out.suffix.lower() != f".{to}" or out.is_dir()):
         raise ValueError(

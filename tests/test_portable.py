@@ -93,6 +93,7 @@ def test_what_has_no_translation_is_named():
         (["vgg19", "weights.npz", "--to", "onnx"], "--to onnx is for generator"),
         (["generator", "embedded", "--to", "onnx", "--batch", "0"], "a batch of 0; give 1 or more"),
         (["generator", "nowhere", "--to", "onnx"], "nowhere"),
+        (["generator", "embedded", "--to", "stablehlo"], "writes NAME.stablehlo, and --out is out.onnx"),
     ],
 )
 def test_wrong_requests_write_nothing(arguments, said, tmp_path, monkeypatch):
@@ -107,5 +108,5 @@ def test_wrong_requests_write_nothing(arguments, said, tmp_path, monkeypatch):
 def test_a_missing_extra_is_named(to, package, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(ModuleNotFoundError, match=rf"needs {package}; pip install 'jaxsim-lidar\[portable\]'"):
-        export_network(jaxsim.load("embedded"), tmp_path / "out", to=to)
+        export_network(jaxsim.load("embedded"), tmp_path / f"out.{to}", to=to)
     assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ import tyro
 
 from jaxsim.config.ranges import Checked
 from jaxsim.effects.own import known_effects
-from jaxsim.engines import ENGINES, Setting, Translation, read_answer, translate
+from jaxsim.engines import ENGINES, Setting, Translation, check_page, read_answer, translate
 from jaxsim.files import check_apart, placed, read_json, real, write_text
 from jaxsim.report.results import markdown_table
 
@@ -44,6 +44,8 @@ class Engines(Checked):
             raise ValueError(f"engines: --out {self.out} is where the words go, beside the parameters; give {wanted}")
         for written in (self.out, self.out.with_suffix(".md")) if self.out else ():
             check_apart(written, self.answer, self.answer.with_name("verdict.json"), self.now, by="engines")
+        if self.out:
+            check_page(self.out.with_suffix(".md"))
         known_effects()
         now = _numbers(self.now) if self.now else {}
         translation = translate(read_answer(self.answer), self.engine, ENGINES[self.engine], now=now)

@@ -10,7 +10,7 @@ import tyro
 
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data.logs import LogOptions, source_for, source_table, write_log
-from jaxsim.files import tidy_file
+from jaxsim.files import check_apart, tidy_file
 from jaxsim.progress import counted
 from jaxsim.recordings import WHOLE_FILE, export_frames
 
@@ -58,6 +58,7 @@ class Frames(Checked):
             return
         if self.source is None or self.out is None:
             raise ValueError("frames: give the log and --out FOLDER; `jaxsim frames --list` tells what can be read")
+        check_apart(self.out, self.source, by="frames")
         if self.to:
             if self.to in WHOLE_FILE:
                 tidy_file(self.out)

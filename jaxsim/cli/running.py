@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from difflib import get_close_matches
 from inspect import getdoc
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,9 @@ def find_command(name: str) -> Command:
 
 def check_mode(words: Sequence[str]) -> None:
     """Raises ValueError where a second word that is no file is nearly that of a command of two: `eval generatoin` would
-    be the run of that name."""
+    be the run of that name. And for an `--out` of nothing, which would be the folder that one stands in."""
+    if ("--out", "") in pairwise(words):
+        raise ValueError("jaxsim: --out is empty, as of a shell's variable that is not set; name where to write")
     near = get_close_matches(" ".join(words[:2]), MODES, n=1, cutoff=0.9)
     if near and len(words) > 1 and near[0].startswith(f"{words[0]} ") and not Path(words[1]).exists():
         raise ValueError(f"jaxsim: there is no {words[1]}; did you mean jaxsim {near[0]}?")

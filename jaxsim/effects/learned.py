@@ -13,7 +13,7 @@ Outside its knots a law holds its end values: nothing is extrapolated. `discover
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -25,6 +25,7 @@ from jaxsim.effects.edits import add_intensity, brighten, lose, misread
 from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import FLOOR, READ, TURN, Array, Rays, Scan
 from jaxsim.files import parse_settings, placed
+from jaxsim.frame import PolarGrid
 from jaxsim.products import einsum
 
 LAW_KINDS = ("curve", "table", "periodic", "product", "wave")
@@ -42,6 +43,8 @@ CHANGE: dict[str, Callable[[Rays, Array], Rays]] = {
     "drop": lose,
 }
 TABLES = ("row", "column", "class", "even rows", "even columns")
+BY_CELLS = ("row", "column", "even rows", "even columns")
+"""Covariates that are numbers of a grid's cells: on another grid they are other directions."""
 TURNING = ("azimuth", "heading", "hue angle")
 """Covariates that come back to where they began."""
 NEEDS = {
@@ -76,6 +79,9 @@ class Learned:
     """Standard deviation of each, by the jackknife over groups of scenes."""
     adds: bool = False
     """Of intensity: heights are added to what is reported, in its own unit, and are not nats of a gain."""
+    cells: tuple[int, int] | None = None
+    """Rows and columns of the grid that it was learned on, where it goes by their numbers; None: not known, or not by
+    these."""
 
     @property
     def change(self) -> str:
@@ -100,6 +106,8 @@ class Learned:
                          f"{len(self.covariates)} and {len(self.knots)} came")  # fmt: skip
         fewest = {"wave": 1, "table": 1}.get(self.kind, 2)
         for name, knots in zip(self.covariates, self.knots, strict=True):
+            if self.kind == "table" and any(knot < 0 or knot != round(knot) for knot in knots):
+                raise refuse(f"knots of {name} in a table are whole numbers from 0 on, one a beam, column or class")
             if len(knots) < fewest or not np.isfinite(knots).all() or not all(a < b for a, b in pairwise(knots)):
                 raise refuse(f"knots of {name} must be finite numbers that rise, {fewest} or more")
         if self.kind == "wave" and any(len(knots) > 1 for knots in self.knots):
@@ -163,9 +171,31 @@ class Learned:
     def check(self, scan: Scan) -> None:
         """As `check_known`, of frames as they were read: what a folder lacks is 0 in all of them."""
         self.check_known({what: bool(np.any(getattr(scan, raster))) for what, raster in _RASTERS.items()})
+        self.check_columns(scan.grid)
+
+    def on(self, grid: PolarGrid) -> Learned:
+        """The same law, which says on what grid it was learned if it goes by numbers of rows or columns."""
+        by_cells = not {*self.covariates}.isdisjoint(BY_CELLS)
+        size = len(grid.elevation_rad), len(grid.azimuth_rad)
+        return replace(self, cells=size) if by_cells and self.cells is None else self
+
+    def check_columns(self, grid: PolarGrid) -> None:
+        """Raises ValueError where it goes by columns of another grid: column 100 looks elsewhere there."""
+        columns = len(grid.azimuth_rad)
+        if self.cells and self.cells[1] != columns and not {*self.covariates}.isdisjoint(("column", "even columns")):
+            raise ValueError(
+                f"{self.name} was learned on {self.cells[1]} columns; these frames have {columns}, which look "
+                "elsewhere: take it out of sensor.json's `learned`, or simulate on that grid"
+            )
+        for name, knots in zip(self.covariates, self.knots, strict=True):
+            if name == "column" and self.kind != "wave" and knots[-1] >= columns:
+                raise ValueError(f"{self.name} was learned of {knots[-1] + 1:g} columns or more; these have {columns}")
 
     def check_rows(self, rows: int) -> None:
-        """Raises ValueError where knots along the rows lie beyond those of a sensor of so many beams."""
+        """Raises ValueError where it goes by rows of a sensor of another number of beams, or knots along the rows lie
+        beyond so many."""
+        if self.cells and self.cells[0] != rows and not {*self.covariates}.isdisjoint(("row", "even rows")):
+            raise ValueError(f"{self.name} was learned on {self.cells[0]} beams; the sensor has {rows}")
         for name, knots in zip(self.covariates, self.knots, strict=True):
             if name == "row" and self.kind != "wave" and knots[-1] >= rows:
                 raise ValueError(f"{self.name} was learned of {knots[-1] + 1:g} beams or more; the sensor has {rows}")
@@ -173,8 +203,8 @@ class Learned:
     def to_json(self) -> dict[str, Any]:
         """The entry of sensor.json."""
         entry = asdict(self)
-        # Said where it is so alone: readers of before know no such key.
-        return entry if self.adds else {name: value for name, value in entry.items() if name != "adds"}
+        # Said where it is so alone: readers of before know no such keys.
+        return {name: value for name, value in entry.items() if value or name not in ("adds", "cells")}
 
     @classmethod
     def from_json(cls, entry: Any) -> Learned:

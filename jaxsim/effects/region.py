@@ -46,6 +46,11 @@ class Region:
             raise ValueError(f"where: {ends} are no radians or seconds; each must lie within {FOREVER_S:g}")
         if self.azimuth_rad is not None:
             low, high = self.azimuth_rad
+            if max(abs(low), abs(high)) > 2 * TURN:
+                raise ValueError(
+                    f"where: azimuth_rad is {low:g} to {high:g}, turns away from a sensor's azimuths: give radians, "
+                    "-pi..pi, no degrees"
+                )
             if not 0 < high - low < TURN:
                 raise ValueError(
                     f"where: azimuth_rad is {low:g} to {high:g}; it runs counter-clockwise from the first to the "

@@ -172,8 +172,10 @@ def nearest_drop_off(lost: Float[np.ndarray, " n"], intensity: Float[np.ndarray,
         # What is kept, a - b faint, is linear in a = 1 - general and b = a zero.
         design = np.stack([np.ones_like(faint), -faint], axis=1)
         a, b = np.linalg.lstsq(design, 1 - lost, rcond=None)[0]
-        a = float(np.clip(a, 1e-3, 1.0))
-        zero = float(np.clip(b / a, 0.0, 1.0))
+        zero = float(np.clip(b / a, 0.0, 1.0)) if a > 0 else 0.0
+        # Where one of the two lies at its bound the other is fitted beside it.
+        share = 1 - zero * faint
+        a = float(np.clip(share @ (1 - lost) / (share @ share), 1e-3, 1.0))
         off = float(np.sum((a * (1 - zero * faint) - (1 - lost)) ** 2))
         tried.append(DropOff(off, 1 - a, float(limit), zero))
     return min(tried)

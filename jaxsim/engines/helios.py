@@ -38,7 +38,7 @@ def settings(answer: Estimates, _: Mapping[str, float]) -> list[Setting]:
     extinction = answer.one("atmospheric_extinction", "coefficient_per_m")
     visibility = None
     if extinction is not None and extinction.value > 0:
-        visibility = extinction.mapped(lambda alpha: -math.log(_CONTRAST) / max(alpha, 1e-9) / 1000)
+        visibility = extinction.mapped(lambda alpha: -math.log(_CONTRAST) / alpha / 1000 if alpha > 0 else math.inf)
     why = "atmospheric_extinction: 3.91 / α at 550 nm; HELIOS++ scales it to the wavelength"
     return [
         *noise_of_range(answer, "accuracy_m"),

@@ -31,6 +31,7 @@ _LEAST_LINES, _CLEAR = 4, 2.0
 one."""
 _SLIP = 0.75
 _RUN_STEPS, _STEP_ROUNDS = 20, 3
+_LOST_STEPS, _ALIKE = 1.5, 0.05
 _LOW_ORIGIN_M = 1.0
 
 
@@ -254,6 +255,10 @@ def _firing_step(azimuth_rad: Float[np.ndarray, " n"], row: Int[np.ndarray, " n"
     if len(step) < ENOUGH_POINTS:
         raise NoBeams(f"{len(step)} points have a neighbour on their ring: too few to tell how often the sensor fires")
     near = float(np.median(step))
+    # Where more than half of the firings are lost the median gap is two steps; the most frequent one is one, always.
+    often = _most_frequent(step)
+    if near > _LOST_STEPS * often:
+        near = often
     for _ in range(_STEP_ROUNDS):
         short = step[step < _RUN_STEPS * near]
         near = float(short.sum() / np.maximum(np.round(short / near), 1).sum())
@@ -267,6 +272,16 @@ def _firing_step(azimuth_rad: Float[np.ndarray, " n"], row: Int[np.ndarray, " n"
     k = firing - (np.bincount(run, firing) / size)[run]
     a = azimuth - (np.bincount(run, azimuth) / size)[run]
     return float((k * a).sum() / max((k * k).sum(), 1.0)) or near
+
+
+def _most_frequent(step: Float[np.ndarray, " n"]) -> float:
+    """The step that is most frequent, within a twentieth of it."""
+    bins = np.floor(np.log(step) / np.log1p(_ALIKE)).astype(int)
+    count = np.bincount(bins - bins.min())
+    # Steps about the border of two bins are in both.
+    fullest = int(np.convolve(count, [1, 1])[:-1].argmax()) if len(count) > 1 else 0
+    near = bins - bins.min()
+    return float(np.median(step[(near == fullest) | (near == fullest - 1)]))
 
 
 def assign_columns(

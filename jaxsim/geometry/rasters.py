@@ -94,6 +94,8 @@ def check_rasters(view: CameraFrame, where: str, *, may_be_empty: bool = False) 
         )
     if view.semantic is not None:
         check_classes(np.asarray(view.semantic), where)
+    if view.instance is not None:
+        check_instances(np.asarray(view.instance), where)
     if view.depth_m is not None:
         valid = None if view.depth_valid is None else np.asarray(view.depth_valid)
         _check_depth(np.asarray(view.depth_m), valid, where, may_be_empty=may_be_empty)
@@ -111,6 +113,17 @@ def check_classes(semantic: np.ndarray, where: str) -> None:
         raise ValueError(
             f"{where}: semantic spans {span_in_words(semantic)}; it must hold Cityscapes ids 0..{CLASSES - 1}, 0 where "
             "the class is not known"
+        )
+
+
+def check_instances(instance: np.ndarray, where: str) -> None:
+    """Raises ValueError, beginning with `where`, for objects' numbers of more than 32 bits: two of them would become
+    one."""
+    most = np.iinfo(np.int32).max
+    if instance.dtype.itemsize >= 4 and not all_within(instance, -most - 1, most):
+        raise ValueError(
+            f"{where}: instance spans {span_in_words(instance)}; objects' numbers have 32 bits: number them anew, "
+            "np.unique(instance, return_inverse=True)[1]"
         )
 
 

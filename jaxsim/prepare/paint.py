@@ -219,7 +219,7 @@ def _slope(
 def shrink(view: CameraFrame, size: tuple[int, int]) -> Painted:
     """A view with depth at `size` (rows, columns): each cell takes the pixel at its centre, of every raster.
 
-    `values` is the distance from the camera; nothing is occluded. A raster that the camera does not have is 0.
+    `range_m` is the distance from the camera; nothing is occluded. A raster that the camera does not have is 0.
     Raises ValueError where the view has no depth, or fewer pixels than cells.
     """
     if view.depth_m is None or view.depth_valid is None:
@@ -238,7 +238,7 @@ def shrink(view: CameraFrame, size: tuple[int, int]) -> Painted:
     depth_m = jnp.where(valid, view.depth_m, jnp.zeros_like(view.depth_m))
     x, y = pixels_at_one(view.camera, shape)
     painted = Painted(
-        values=depth_m * jnp.sqrt(1 + x * x + y * y),
+        range_m=depth_m * jnp.sqrt(1 + x * x + y * y),
         depth_m=depth_m,
         rgb=jnp.where(valid[..., None], view.rgb.astype(jnp.float32) / 255, 0),
         semantic=jnp.where(valid, semantic, 0),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
@@ -17,6 +18,10 @@ WORDS: dict[Colour, str] = {"pass": "pass", "gap": "**gap**", "unsure": "could n
 """Of each colour, in the table of checks."""
 
 
+NOT_IN_XML = r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+"""Characters that XML 1.0 cannot hold, as those by which a terminal is told colours."""
+
+
 def junit(checks: Sequence[Check], *, seconds: float) -> str:
     """A test suite with a case a check: a gap is a failure, what could not be judged an error."""
     counts = {colour: sum(check.colour == colour for check in checks) for colour in WORDS}
@@ -29,12 +34,14 @@ def junit(checks: Sequence[Check], *, seconds: float) -> str:
         time=f"{seconds:.1f}",
     )
     for check in checks:
-        case = ET.SubElement(suite, "testcase", classname="jaxsim.discover", name=check.name)
+        said = re.sub(NOT_IN_XML, "�", check.words)
+        name = re.sub(NOT_IN_XML, "�", check.name)
+        case = ET.SubElement(suite, "testcase", classname="jaxsim.discover", name=name)
         if check.colour == "pass":
-            ET.SubElement(case, "system-out").text = check.words
+            ET.SubElement(case, "system-out").text = said
         else:
             kind = "failure" if check.colour == "gap" else "error"
-            ET.SubElement(case, kind, message=check.words).text = check.words
+            ET.SubElement(case, kind, message=said).text = said
     return ET.tostring(suite, encoding="unicode", xml_declaration=True)
 
 

@@ -57,7 +57,7 @@ def strip(panels: Sequence[tuple[str, UInt8[np.ndarray, "_ _ 3"]]], *, width: in
     for title, panel in panels:
         scale = width / panel.shape[1]
         # A laser line is drawn taller than it is wide: its angular step is twice the column's.
-        height = round(panel.shape[0] * scale * (1.4 if panel.shape[1] > 4 * panel.shape[0] else 1.0))
+        height = max(1, round(panel.shape[0] * scale * (1.4 if panel.shape[1] > 4 * panel.shape[0] else 1.0)))
         bar = np.full((26, width, 3), 18, np.uint8)
         cv2.putText(bar, title, (8, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, LIGHT_INK, 1, cv2.LINE_AA)
         interpolation = cv2.INTER_NEAREST if scale >= 1 else cv2.INTER_AREA

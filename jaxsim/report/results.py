@@ -40,8 +40,8 @@ def list_facts(about: Mapping[str, Any]) -> str:
 
 
 def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A line of heads, a rule, a line a row; a `|` of a cell, as names of folders may hold, ends no cell."""
-    cells = [[cell.replace("|", "\\|") for cell in line] for line in (heads, *rows)]
+    """A line of heads, a rule, a line a row; a `|` or a new line of a cell, as names of folders may hold, ends none."""
+    cells = [[" ".join(cell.replace("|", "\\|").splitlines()) for cell in line] for line in (heads, *rows)]
     head, *others = [f"| {' | '.join(line)} |" for line in cells]
     return "\n".join([head, f"|{'---|' * len(heads)}", *others])
 

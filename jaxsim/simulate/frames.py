@@ -133,6 +133,8 @@ def with_effects(
     """
     check_motion(model, time_s=time_s, speed_mps=speed_mps, heading_rad=heading_rad)
     about = {"speed": speed_mps or 0.0, "heading": heading_rad or 0.0}
+    for law in model.learned:
+        law.check_columns(grid)
     scan = scan_of(grid, [jax.tree.map(np.asarray, image)], [rasters(painted, grid)], about=[about])
     # `scan_of` counts times from its own first frame, and this is its only one.
     scan = replace(scan, time_s=np.full(1, time_s or 0.0, np.float32))

@@ -25,6 +25,7 @@ from jaxsim.geometry.rasters import (
     all_within,
     check_array,
     check_classes,
+    check_instances,
     check_metres,
     check_rasters,
     check_shapes,
@@ -127,6 +128,8 @@ class LiveRays:
             check_metres(away[ends], "live: range_m")
         if semantic is not None:
             check_classes(np.asarray(semantic), "live")
+        if instance is not None:
+            check_instances(np.asarray(instance), "live")
         if incidence_rad is not None and not all_within(angles := np.asarray(incidence_rad)[ends], 0, np.pi / 2 + 1e-3):
             raise ValueError(
                 f"live: incidence_rad spans {span_in_words(angles)}; it must be the angle between ray and surface "

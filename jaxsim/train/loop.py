@@ -16,13 +16,14 @@ from typing import Any
 from jaxtyping import PyTree
 
 from jaxsim import devices
+from jaxsim.config import OptimConfig
 from jaxsim.detect import LeftOut
 from jaxsim.interrupts import ends_with_me, uninterrupted
 from jaxsim.progress import Progress
 from jaxsim.report.pictures import save_picture
 from jaxsim.runs.kinds import AnyExperiment, kind_of
 from jaxsim.runs.metrics_log import MetricsLog
-from jaxsim.runs.run import Checkpoints, check_folder, start_run
+from jaxsim.runs.run import Checkpoints, check_folder, load_run, start_run
 from jaxsim.train.experiments import CONFIGS
 from jaxsim.train.training import RunScores, Training, run_folder, write_training_card
 
@@ -180,7 +181,24 @@ def _begin(folder: Path, training: Training) -> None:
             f"run: {folder} has done {done} steps, and the settings are for {training.steps} in all; ask for more "
             "(--optim.steps or --optim.epochs, of depth completion --penet.stages), or give another --run.name"
         )
+    if done:
+        check_rate(folder, training, done)
     start_run(folder, training.run, training.frames)
+
+
+def check_rate(folder: Path, training: Training, done: int) -> None:
+    """Raises ValueError where a run would go on by a rate that another number of steps gives, and has begun to lower
+    it: it would rise again, and no settings would say how the run learned."""
+    optim = getattr(training.run.experiment, "optim", None)
+    before = getattr(load_run(folder, kind_of(training.run).run).experiment, "optim", None)
+    if not isinstance(optim, OptimConfig) or not isinstance(before, OptimConfig) or optim.steps == before.steps:
+        return
+    if done > before.decay_from * before.steps:
+        raise ValueError(
+            f"run: {folder} has done {done} of {before.steps} steps, and lowers its rate from "
+            f"{100 * before.decay_from:g} % of these on (optim.decay_from): it cannot go on to {optim.steps}; give "
+            "another --run.name"
+        )
 
 
 def training_of(experiment: AnyExperiment) -> Training:

@@ -36,6 +36,17 @@ def test_the_answer_is_not_written_over(tmp_path, answer):
     assert (tmp_path / "now.json").read_text() == "{}"
 
 
+def test_a_page_of_the_users_own_is_not_written_over(tmp_path, answer):
+    (tmp_path / "README.md").write_text("# Ours\n")
+    with pytest.raises(SystemExit, match=r"README\.md, where the words would go, is no page of this command"):
+        main(["engines", str(answer), "--for", "carla", "--out", str(tmp_path / "README.json")])
+    assert (tmp_path / "README.md").read_text() == "# Ours\n"
+    # One of its own is made anew.
+    for _ in range(2):
+        main(["engines", str(answer), "--for", "carla", "--out", str(tmp_path / "carla.json")])
+    assert (tmp_path / "carla.md").read_text().startswith("# CARLA")
+
+
 def test_what_is_no_answer_is_refused(tmp_path, answer, capsys):
     with pytest.raises(SystemExit, match=r"no file .*nothing\.json"):
         main(["engines", str(tmp_path / "nothing.json"), "--for", "rgl"])

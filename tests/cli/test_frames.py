@@ -70,6 +70,18 @@ def test_frames_become_an_mcap_that_becomes_the_same_frames(tmp_path):
         np.testing.assert_allclose(more["time"], later["time"], atol=1e-6)
 
 
+def test_a_log_is_neither_written_into_nor_over(tmp_path):
+    (tmp_path / "drive").mkdir()
+    pcd(tmp_path / "drive/000.pcd", room(seed=0), "binary")
+    before = (tmp_path / "drive/000.pcd").read_bytes()
+    with pytest.raises(SystemExit, match="drive is read, and would be written into"):
+        main(["frames", str(tmp_path / "drive"), "--out", str(tmp_path / "drive")])
+    main(["frames", str(tmp_path / "drive"), "--out", str(tmp_path / "a")])
+    with pytest.raises(SystemExit, match="drive is read, and would be written into"):
+        main(["frames", str(tmp_path / "a"), "--to", "pcd", "--out", str(tmp_path / "drive")])
+    assert {file.name: file.read_bytes() for file in (tmp_path / "drive").iterdir()} == {"000.pcd": before}
+
+
 def test_a_recording_that_a_killed_command_left_half_written_goes(tmp_path):
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()

@@ -24,6 +24,11 @@ def test_a_mistyped_second_word_is_no_runs_name(tmp_path, monkeypatch):
     check_mode(["eval"])
 
 
+def test_nothing_is_written_to_a_folder_without_a_name():
+    with pytest.raises(SystemExit, match="--out is empty, as of a shell's variable that is not set"):
+        main(["frames", "log", "--out", ""])
+
+
 def test_a_function_gets_the_words_that_follow(monkeypatch):
     taken = []
     monkeypatch.setattr("jaxsim.cli.train.run", taken.append)

@@ -153,6 +153,7 @@ def test_a_sensor_model_applies_them_after_its_effects(scan, rays):
         ({"kind": "table", "covariates": ("row",) * 3}, "a table has 1 or 2 covariates"),
         ({"sd": (0.1, -0.2, 0.1)}, "sd must lie within 0 and 2000 nats"),
         ({"sd": (0.1, 1e30, 0.1)}, "sd must lie within 0 and 2000 nats"),
+        ({"kind": "table", "covariates": ("row",), "knots": ((0.0, 0.5, 1.0),)}, "in a table are whole numbers"),
     ],
 )
 def test_what_cannot_be_right_is_refused(change, message):
@@ -171,6 +172,33 @@ def test_a_law_of_more_beams_than_the_sensor_has_is_refused(tmp_path):
     SensorModel(learned=(BEAMS,)).save(tmp_path / "sensor.json")
     with pytest.raises(ValueError, match="was learned of 4 beams or more; the sensor has 3"):
         SensorModel.load(tmp_path / "sensor.json", rows=3)
+
+
+@pytest.mark.parametrize(
+    ("covariates", "knots", "values"),
+    [(("row",), ((0.0, 1.0),), (0.1, 0.2)), (("even columns",), ((0.0, 1.0),), (0.1, 0.2))],
+)
+def test_a_law_of_another_grids_cells_is_refused(tmp_path, scan, covariates, knots, values):
+    rows, columns = len(scan.grid.elevation_rad), len(scan.grid.azimuth_rad)
+    law = Learned("intensity", "table", covariates, knots, values, (0.0, 0.0)).on(scan.grid)
+    assert law.cells == (rows, columns)
+    SensorModel(learned=(law,)).save(tmp_path / "sensor.json")
+    [again] = SensorModel.load(tmp_path / "sensor.json", rows=rows).learned
+    assert again == law
+    again.check(scan)
+    other = replace(law, cells=(rows + 1, columns + 1))
+    by_rows = covariates == ("row",)
+    with pytest.raises(ValueError, match=r"learned on \d+ (beams; the sensor has|columns; these frames have) \d+"):
+        _ = other.check_rows(rows) if by_rows else other.check_columns(scan.grid)
+    # Directions are the same on any grid.
+    assert replace(WAVE, cells=None).on(scan.grid).cells is None
+
+
+def test_columns_beyond_those_of_a_grid_are_refused(scan):
+    columns = len(scan.grid.azimuth_rad)
+    law = Learned("intensity", "table", ("column",), ((0.0, float(columns)),), (0.1, 0.2), (0.0, 0.0))
+    with pytest.raises(ValueError, match=f"learned of {columns + 1} columns or more; these have {columns}"):
+        law.check(scan)
 
 
 def test_a_law_of_what_frames_do_not_hold_is_refused(scan):

@@ -84,6 +84,7 @@ def test_sensor_json_keeps_where(tmp_path):
         ({}, "nothing is said"),
         ({"time_s": [None, None]}, "nothing is said"),
         ({"azimuth_rad": [1.0, 0.5]}, "counter-clockwise"),
+        ({"azimuth_rad": [100, 101]}, "give radians, -pi..pi, no degrees"),
         ({"time_s": [40, 30]}, "must end after it begins"),
         ({"night": True}, "it may hold azimuth_rad, time_s, tag, scenes"),
         ({"azimuth_rad": 3.0}, "is not understood"),

@@ -26,7 +26,7 @@ def few_effects(words):
         return command(words)
     simulated, measured, out = (Path(words[words.index(flag) + 1]) for flag in ("--simulated", "--measured", "--out"))
     result = discover_folders(simulated=simulated, measured=measured, effects=FEW)
-    result.sensor.save(out / "sensor.json")
+    result.effects_model.save(out / "sensor.json")
     result.verdict.save(out)
     return None
 
@@ -41,8 +41,11 @@ def test_what_a_law_hides_is_discovered_written_and_gone_when_simulated_again(
     monkeypatch.setattr(carla_round_trip, "jaxsim", few_effects)
     monkeypatch.setattr(law, "hidden_attributes", lambda seed: HIDDEN)
     row = run(5, tmp_path, scenes=12, fresh=4, ray=RAY)
-    # The longest range makes classes that lie far away lose more, and still it is losses at random that are named.
-    assert set(row["named"]) == {"atmospheric_extinction", "random_dropout", "range_gate"}
+    # The longest range makes classes that lie far away lose more: losses may be named by class, of which CARLA has the
+    # mean.
+    losses = {"random_dropout", "material_dropout"} & set(row["named"])
+    assert set(row["named"]) == {"atmospheric_extinction", "range_gate"} | losses
+    assert len(losses) == 1
     assert row["cannot"] == []
     for name, value in HIDDEN.items():
         assert row["written"][name] == pytest.approx(value, rel=0.1), name
@@ -117,6 +120,18 @@ def test_a_soft_threshold_becomes_carlas_losses_by_intensity():
     found = nearest_drop_off(lost, intensity)
     assert (found.general, found.zero) == pytest.approx((0.2, 0.6), abs=0.02)
     assert found.limit == pytest.approx(0.7, abs=0.02)
+
+
+@pytest.mark.parametrize(("threshold", "width"), [(-2.0, 1.0), (-5.0, 2.0)])
+def test_the_nearest_losses_are_those_that_a_search_of_all_finds(threshold, width):
+    range_m = np.geomspace(2, 120, 80)
+    intensity = np.exp(-0.02 * range_m)
+    lost = 1 - 1 / (1 + np.exp(-(np.log(intensity) - 2 * np.log(range_m / 10) - threshold) / width))
+    shares = np.linspace(0, 1, 51)
+    general, zero, limit = np.meshgrid(shares, shares, shares[1:], indexing="ij")
+    faint = np.maximum(1 - intensity / limit[..., None], 0)
+    off = ((1 - (1 - general[..., None]) * (1 - zero[..., None] * faint) - lost) ** 2).sum(-1)
+    assert nearest_drop_off(lost, intensity).off < 1.01 * off.min()
 
 
 def test_losses_by_class_become_their_mean(tmp_path):

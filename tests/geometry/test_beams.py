@@ -68,6 +68,15 @@ def test_columns_keep_the_distance_of_firings():
         assert np.abs(column - (k + phase - 0.5))[5:-5].max() <= 0.75 + 1e-6
 
 
+@pytest.mark.parametrize("lost", [0.5, 0.6])
+def test_columns_are_counted_where_more_than_half_of_the_firings_are_lost(lost):
+    rng = np.random.default_rng(0)
+    firings = [(np.arange(1808) + rng.uniform())[rng.random(1808) >= lost] * 2 * np.pi / 1808 for _ in range(16)]
+    row = np.repeat(np.arange(16), [len(one) for one in firings])
+    azimuth = (np.concatenate(firings) + np.pi) % (2 * np.pi) - np.pi
+    assert len(column_azimuths(azimuth.astype("f4"), row)) == 1808
+
+
 def test_firings_that_are_not_evenly_spaced_have_columns_of_their_own():
     """An HDL-64E fires six times 0.18 degrees apart and then 0.09: at the median's step it would lose a seventh."""
     rng = np.random.default_rng(5)

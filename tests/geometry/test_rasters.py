@@ -62,6 +62,13 @@ def test_bytes_in_another_machines_order_are_told(name):
         check_shapes(other, "here")
 
 
+def test_objects_numbers_of_more_than_32_bits_are_told():
+    """Cut off, two objects would become one, and their edge nothing."""
+    one = view()
+    with pytest.raises(ValueError, match=r"here: instance spans 0\.\..*32 bits: number them anew"):
+        check_rasters(replace(one, instance=np.arange(one.instance.size, dtype=np.int64).reshape(SIZE) << 32), "here")
+
+
 def test_a_mask_that_would_be_lost_is_told():
     masked = np.ma.masked_greater(road(70.0), 50)
     with pytest.raises(ValueError, match=r"here: depth_m is a masked array.*depth_m\.filled\(0\)"):

@@ -1,6 +1,7 @@
 """What CI reads of a gate."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 from jaxsim.discover.gate import Check
 from jaxsim.report.gates import junit, markdown
@@ -26,3 +27,8 @@ def test_the_table_has_a_line_a_check():
     assert lines[0] == "## It lacks something"
     assert [check.name for check in CHECKS] == [line.split(" | ")[0].removeprefix("| ") for line in lines[4:]]
     assert "**gap**" in lines[5]
+
+
+def test_what_a_terminal_is_told_of_colours_is_no_xml():
+    check = replace(CHECKS[0], words="\x1b[31mred\x01")
+    assert "red" in "".join(ET.fromstring(junit([check], seconds=1.0)).itertext())

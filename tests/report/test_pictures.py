@@ -37,6 +37,8 @@ def test_panels_share_a_width_and_pictures_a_height():
     panel = np.zeros((4, 8, 3), np.uint8)
     assert strip([("one", panel), ("two", panel)], width=80).shape == (2 * (26 + 40), 80, 3)
     assert beside([panel, panel[:2]]).shape == (4, 24, 3)
+    # Of one row of very many columns a line is left.
+    assert strip([("one", np.zeros((1, 5000, 3), np.uint8))], width=80).shape == (26 + 1, 80, 3)
 
 
 def test_points_ahead_are_drawn_and_those_behind_are_not():

@@ -48,6 +48,7 @@ def test_facts_are_a_list():
 def test_a_table_has_heads_a_rule_and_a_line_a_row():
     assert markdown_table(["a", "b"], [["1", "2"], ["3", "4"]]) == "| a | b |\n|---|---|\n| 1 | 2 |\n| 3 | 4 |"
     assert markdown_table(["a|b"], [["c|d"]]) == "| a\\|b |\n|---|\n| c\\|d |"
+    assert markdown_table(["a"], [["c\nd"]]) == "| a |\n|---|\n| c d |"
 
 
 SCORES = {"network": {"mae": Score(0.12345, "1", 10), "psnr": Score(20.126, "dB", 10)}}

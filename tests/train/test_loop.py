@@ -13,14 +13,16 @@ import numpy as np
 import pytest
 
 from jaxsim.config import DataConfig, DepthExperiment, DetectorExperiment, Experiment, LossConfig, RunConfig
+from jaxsim.frame import Camera, CameraFrame
+from jaxsim.geometry import preset
 from jaxsim.interrupts import terminable
 from jaxsim.metrics import Score
 from jaxsim.runs.frames import RunFrames, read_frames, write_frames
-from jaxsim.runs.kinds import DetectorRun
+from jaxsim.runs.kinds import DetectorRun, Run
 from jaxsim.runs.metrics_log import Tracker, TrainingDiverged
-from jaxsim.runs.run import Checkpoints
+from jaxsim.runs.run import Checkpoints, describe_run, start_run
 from jaxsim.train import train
-from jaxsim.train.loop import training_of
+from jaxsim.train.loop import check_rate, training_of
 from jaxsim.train.training import Training
 
 
@@ -153,6 +155,29 @@ def test_a_run_of_no_steps_or_of_fewer_than_are_done_is_refused(tmp_path, monkey
         adding.run(monkeypatch, steps=6)
     assert {path.name: path.read_bytes() for path in adding.folder.glob("*.*")} == before
     assert adding.run(monkeypatch) == whole
+
+
+@pytest.mark.parametrize(("done", "decay_from", "refused"), [(2, 0.5, False), (3, 0.5, True), (3, 1.0, False)])
+def test_a_run_that_lowers_its_rate_already_is_not_made_longer(tmp_path, done, decay_from, refused):
+    """With more steps its rate would rise again, and no settings would say how it learned."""
+
+    def of(steps: int) -> Run:
+        experiment = Experiment()
+        optim = replace(experiment.optim, steps=steps, decay_from=decay_from)
+        camera = Camera(np.eye(3, dtype=np.float32), np.eye(4, dtype=np.float32))
+        view = CameraFrame(np.zeros((375, 1242, 3), np.uint8), camera)
+        return describe_run(replace(experiment, optim=optim), preset("hdl64e"), view)
+
+    start_run(tmp_path, of(4))
+    longer = Adding(tmp_path).training(run=of(8), steps=8)
+    with (
+        pytest.raises(ValueError, match=r"has done 3 of 4 steps, and lowers its rate from 50 %")
+        if refused
+        else (nullcontext())
+    ):
+        check_rate(tmp_path, longer, done)
+    # The same number of steps goes on.
+    check_rate(tmp_path, Adding(tmp_path).training(run=of(4), steps=4), done)
 
 
 def test_what_is_not_finite_ends_the_run_before_it_is_kept(tmp_path, monkeypatch):

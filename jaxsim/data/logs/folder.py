@@ -19,7 +19,7 @@ from jaxsim.data.logs.gridding import FIRST, ScanLayout, infer_layout, to_sweep
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, naming_log
 from jaxsim.data.polar_frames import Announced, about_frame, frame_anew, read_grid, write_frame
 from jaxsim.data.sweeps import Sweep
-from jaxsim.files import CHANGED, claim, file_of, parse_json, read_json, stamp, tell_anew, write_text
+from jaxsim.files import CHANGED, claim, file_of, parse_json, placed, read_json, stamp, tell_anew, write_text
 from jaxsim.frame import PolarGrid
 from jaxsim.geometry import same_grid
 from jaxsim.progress import Progress, counted
@@ -191,6 +191,16 @@ def _begin(
     write_text(record, json.dumps(made | {"sensor": layout.to_json() if layout else None}, indent=1))
     again = (item._replace(read=lambda scan=scan: scan) for item, scan in first)
     return grid, layout, chain(again, items)
+
+
+def log_of(folder: Path) -> Path | None:
+    """The log that a folder's frames were read from, where log.json tells it and it is there."""
+    record = folder / RECORD
+    if not record.is_file():
+        return None
+    with placed(f"frames: {record} does not tell its `log`", KeyError, TypeError):
+        log = Path(read_json(record, by="frames")["log"])
+    return log if log.exists() else None
 
 
 def _sweep(scan: LogScan | Sweep, layout: ScanLayout | None, grid: PolarGrid, *, options: LogOptions, by: str) -> Sweep:

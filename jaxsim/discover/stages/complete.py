@@ -62,4 +62,6 @@ def complete(
         added = with_repeats(added, [repeat.learned for repeat in repeats])
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
         answer = with_what_repeats(answer, repeats[0])
+    laws = tuple(law.on(null.scan.grid) for law in added.effects_model.learned)
+    added = replace(added, effects_model=replace(added.effects_model, learned=laws))
     return Completed(replace(answer, choice=choice), added, repeats)

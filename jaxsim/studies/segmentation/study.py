@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from jaxsim.config import QUANTILES, SegmentationConfig
 from jaxsim.data.logs.range_images import RangeImage, class_names, read_range_images
 from jaxsim.files import read_arrays, read_entry, write_arrays, write_text
+from jaxsim.metrics.intervals import mean_interval
 from jaxsim.report.results import markdown_table
 from jaxsim.simulate.grain_fit import fit_intensity
 from jaxsim.studies.segmentation import networks
@@ -188,8 +189,8 @@ class Study:
         words = (
             f"Measured intensity is worth {gain:+.3f} of mean IoU; simulated intensity {100 * share:.0f} % of that."
             if np.isfinite(share)
-            else f"Measured intensity is worth {gain:+.3f} of mean IoU: nothing, or no more than seeds scatter, so "
-            "simulated intensity has nothing to be measured by."
+            else f"Measured intensity is worth {gain:+.3f} of mean IoU: nothing, or no more than seeds may scatter by, "
+            "so simulated intensity has nothing to be measured by."
         )
         seeds = len(self.config.seeds)
         words += " One seed: the spread is not known." if seeds == 1 else ""
@@ -223,12 +224,12 @@ def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> float:
 
 def worth(iou: Mapping[str, Float[np.ndarray, "seeds known"]]) -> float:
     """What simulated intensity gains over none, as a share of what measured intensity does; NaN where that is nothing,
-    or no more than seeds scatter."""
+    may be nothing by the interval over seeds (90 %), or is that of one seed alone."""
     mean = {kind: mean_iou(iou[kind]) for kind in INTENSITIES}
     room = mean["measured"] - mean["none"]
     by_seed = np.nanmean(iou["measured"], axis=1) - np.nanmean(iou["none"], axis=1)
-    scatter = float(by_seed.std(ddof=1)) if len(by_seed) > 1 else 0.0
-    return (mean["simulated"] - mean["none"]) / room if room > max(scatter, NOTHING_IOU) else float("nan")
+    sure = len(by_seed) > 1 and mean_interval(by_seed)[0] > 0
+    return (mean["simulated"] - mean["none"]) / room if sure and room > NOTHING_IOU else float("nan")
 
 
 def _cell(values: Float[np.ndarray, " seeds"]) -> str:

@@ -75,11 +75,13 @@ def test_a_class_that_is_not_there_is_not_averaged_whoever_is_told_to_be_one():
 
 
 def test_the_worth_is_the_share_of_the_gain():
-    rows = {"none": [[0.2, 0.4]], "simulated": [[0.5, 0.5]], "measured": [[0.6, 0.6]]}
+    rows = {"none": [[0.2, 0.4]] * 2, "simulated": [[0.5, 0.5]] * 2, "measured": [[0.6, 0.6]] * 2}
     assert worth({k: np.array(x) for k, x in rows.items()}) == pytest.approx(2 / 3)
+    # Of one seed nobody knows how far it scatters.
+    assert np.isnan(worth({k: np.array(x[:1]) for k, x in rows.items()}))
     assert np.isnan(worth({k: np.array(rows["none"]) for k in INTENSITIES}))
     # A gain that is printed as 0, or less than seeds scatter, has no shares.
-    slight = {"none": [[0.2, 0.4]], "simulated": [[0.2, 0.4]], "measured": [[0.2004, 0.4004]]}
+    slight = {"none": [[0.2, 0.4]] * 2, "simulated": [[0.2, 0.4]] * 2, "measured": [[0.2004, 0.4004]] * 2}
     assert np.isnan(worth({k: np.array(x) for k, x in slight.items()}))
     by_seed = {"none": [[0.2], [0.2]], "simulated": [[0.21], [0.21]], "measured": [[0.2], [0.24]]}
     assert np.isnan(worth({k: np.array(x) for k, x in by_seed.items()}))
