@@ -40,6 +40,8 @@ class Watch(Checked):
         for day in self.days:
             if day.exists() and self.before.exists() and day.samefile(self.before):
                 raise ValueError(f"watch: {day} is held against itself; give folders of later days to --days")
+        if self.out and self.out.is_dir():
+            raise ValueError(f"watch: --out {self.out} is a folder; name the file that the table goes to")
         if self.out:
             # The table would be written over a frame.
             of_folders = (file for folder in (self.before, *self.days) for file in folder.glob("*"))

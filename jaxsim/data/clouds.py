@@ -53,9 +53,12 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n c"]:
     xyz_m, intensity = arrays.get("xyz"), arrays.get("intensity")
     if xyz_m is None or xyz_m.ndim != 2 or xyz_m.shape[1] != 3 or xyz_m.dtype.kind not in "fiu":
         held = ", ".join(array_names(path, by="clouds")) or "nothing"
+        polar = (path.parent / "grid.json").is_file()
+        frame = f"it is a polar frame: `jaxsim frames {path.parent} --to npz --out CLOUDS` writes clouds of these"
+        lacks = "where these are range and intensity it is a polar frame, and its folder lacks grid.json"
         raise ValueError(
             f"clouds: {path} holds no array xyz (n, 3), as `jaxsim simulate --formats npz` writes it, but {held}; "
-            "where these are range and intensity it is a polar frame, and its folder lacks grid.json"
+            f"{frame if polar else lacks}"
         )
     if intensity is not None and (intensity.shape != xyz_m.shape[:1] or intensity.dtype.kind not in "fiu"):
         raise ValueError(

@@ -32,8 +32,10 @@ def check_shapes(view: CameraFrame, where: str) -> None:
 
     Raises ValueError where the image is not (h, w, 3) of 8 bits, depth and labels are not (h, w) of the same size, or
     are of another kind: depth is real numbers, its mask true or false, labels are whole numbers; where there is no
-    pixel, and as `check_array`.
+    pixel, as `check_array`, and for what is no view.
     """
+    if not isinstance(view, CameraFrame):
+        raise ValueError(f"{where}: {type(view).__name__} came; give a CameraFrame, with rgb, camera and depth_m")
     for name in ("rgb", "depth_m", "depth_valid", "semantic", "instance"):
         check_array(getattr(view, name), f"{where}: {name}")
     rgb = np.shape(view.rgb)

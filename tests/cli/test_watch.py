@@ -67,6 +67,7 @@ def test_a_day_is_not_held_against_itself_nor_the_table_written_over_a_frame(tmp
     for days, words, message in (
         (monday, [], "monday is held against itself"),
         (tuesday, ["--out", str(frame)], "is read, and would be written over"),
+        (tuesday, ["--out", str(tmp_path)], "is a folder; name the file that the table goes to"),
     ):
         with pytest.raises(SystemExit) as stop:
             main(["watch", str(monday), "--days", str(days), *words])

@@ -28,6 +28,15 @@ def test_what_is_no_cloud_says_so(tmp_path, name, message):
         read_cloud(tmp_path / f"{name}.npz")
 
 
+def test_a_polar_frame_is_told_how_it_becomes_a_cloud(tmp_path):
+    np.savez(tmp_path / "a.npz", range=XYZ, intensity=XYZ)
+    with pytest.raises(ValueError, match="its folder lacks grid.json"):
+        read_cloud(tmp_path / "a.npz")
+    (tmp_path / "grid.json").write_text("{}")
+    with pytest.raises(ValueError, match="is a polar frame: `jaxsim frames .* --to npz --out CLOUDS` writes clouds"):
+        read_cloud(tmp_path / "a.npz")
+
+
 def test_a_name_that_comes_twice_is_told_though_another_lies_between(tmp_path):
     for name in ("a.bin", "a.c.bin", "a.npz"):
         (tmp_path / name).touch()

@@ -1,5 +1,6 @@
 """What a camera's rasters can be: what is right passes, whatever a scene holds; what is not is told."""
 
+import inspect
 from dataclasses import replace
 
 import jax
@@ -73,6 +74,12 @@ def test_a_mask_that_would_be_lost_is_told():
     masked = np.ma.masked_greater(road(70.0), 50)
     with pytest.raises(ValueError, match=r"here: depth_m is a masked array.*depth_m\.filled\(0\)"):
         check_shapes(replace(view(), depth_m=masked), "here")
+
+
+@pytest.mark.parametrize("came", [None, "view", np.zeros((4, 4, 3), np.uint8)])
+def test_what_is_no_view_is_told(came):
+    with pytest.raises(ValueError, match=rf"here: {type(came).__name__} came; give a CameraFrame"):
+        inspect.unwrap(check_shapes)(came, "here")
 
 
 def test_no_view_is_told():
