@@ -30,10 +30,10 @@ def test_what_is_no_cloud_says_so(tmp_path, name, message):
 
 def test_a_polar_frame_is_told_how_it_becomes_a_cloud(tmp_path):
     np.savez(tmp_path / "a.npz", range=XYZ, intensity=XYZ)
-    with pytest.raises(ValueError, match="its folder lacks grid.json"):
+    with pytest.raises(ValueError, match=r"its folder lacks grid\.json"):
         read_cloud(tmp_path / "a.npz")
     (tmp_path / "grid.json").write_text("{}")
-    with pytest.raises(ValueError, match="is a polar frame: `jaxsim frames .* --to npz --out CLOUDS` writes clouds"):
+    with pytest.raises(ValueError, match=r"is a polar frame: `jaxsim frames .* --to npz --out CLOUDS` writes clouds"):
         read_cloud(tmp_path / "a.npz")
 
 
