@@ -40,7 +40,9 @@ from jaxsim.discover.law.learn import curve_form
 from jaxsim.discover.model.fit import in_place
 from jaxsim.discover.model.null_model import refitted
 from jaxsim.discover.name.answer import decide
+from jaxsim.discover.name.doubts import NO_DOUBTS
 from jaxsim.discover.name.select import Choice
+from jaxsim.discover.name.stepped import stepped
 from jaxsim.discover.read import read_comparison
 from jaxsim.discover.repeats.examine import examine, with_repeats
 from jaxsim.discover.show import judge_gains
@@ -77,6 +79,8 @@ def run(job: Job, folder: Path) -> Row:
     found = find_dependences(Division.of(comparison))
     null = found.null_model.problem
     answer = decide(null, Choice((), (), null), found.single)
+    quiet = {"doubts": NO_DOUBTS, "beside": lambda curve, effects, bar: (), "log": lambda line: None}
+    answer = stepped(null, answer, **quiet)
     form = curve_form(null, *answer.curve, crossed=found.crossed) if answer.curve else None
     added = add_effects(null, (), known=NOTHING_YET, form=form)
     noise = refitted(in_place(null, added.chain)).noise
