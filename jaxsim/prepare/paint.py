@@ -185,14 +185,13 @@ def surface_depth(
     `occlusion_m`, or a tenth of the range if that is more, plus what the surface in front spans over one and a half
     cells along rows and columns. Pixels that differ by more lie on different surfaces: the cell is occluded.
     """
-    # Of a plane the inverse of the range changes evenly from cell to cell; ranges of a road do not, and a sensor of few
-    # rows sees one that ends at 20, 37 and 73 m in neighbouring cells.
+    # Of a plane the inverse of the range changes evenly from cell to cell. Ranges of a road do not, and a sensor of few
+    # rows sees one that ends at 20, 37 and 73 m in neighbouring rows; columns are many.
     near = jnp.maximum(nearest_m, _LEAST_M)
     inverse = jnp.where(valid, 1 / near, 0)
-    slant = _slope(inverse, valid, -2) + _slope(inverse, valid, -1)
-    farthest = 1 / jnp.maximum(inverse - _SLANT * slant, 1 / FAR_M)
-    spanned = jnp.where(valid, jnp.maximum(farthest - near, 0), 0)
-    return jnp.maximum(occlusion_m, _RELATIVE * nearest_m) + spanned
+    farthest = 1 / jnp.maximum(inverse - _SLANT * _slope(inverse, valid, -2), 1 / FAR_M)
+    over_rows = jnp.where(valid, jnp.maximum(farthest - near, 0), 0)
+    return jnp.maximum(occlusion_m, _RELATIVE * nearest_m) + over_rows + _SLANT * _slope(nearest_m, valid, -1)
 
 
 def _slope(

@@ -182,22 +182,22 @@ def _begin(folder: Path, training: Training) -> None:
             "(--optim.steps or --optim.epochs, of depth completion --penet.stages), or give another --run.name"
         )
     if done:
-        check_rate(folder, training, done)
+        warn_of_rate(folder, training, done)
     start_run(folder, training.run, training.frames)
 
 
-def check_rate(folder: Path, training: Training, done: int) -> None:
-    """Raises ValueError where a run would go on by a rate that another number of steps gives, and has begun to lower
-    it: it would rise again, and no settings would say how the run learned."""
+def warn_of_rate(folder: Path, training: Training, done: int) -> None:
+    """Warns where a run goes on by a rate that another number of steps gives, and has begun to lower it: it rises
+    again, and the settings of the run do not say so."""
     optim = getattr(training.run.experiment, "optim", None)
     before = getattr(load_run(folder, kind_of(training.run).run).experiment, "optim", None)
     if not isinstance(optim, OptimConfig) or not isinstance(before, OptimConfig) or optim.steps == before.steps:
         return
     if done > before.decay_from * before.steps:
-        raise ValueError(
-            f"run: {folder} has done {done} of {before.steps} steps, and lowers its rate from "
-            f"{100 * before.decay_from:g} % of these on (optim.decay_from): it cannot go on to {optim.steps}; give "
-            "another --run.name"
+        _log.warning(
+            f"run: {folder} has done {done} of {before.steps} steps, and lowered its rate from "
+            f"{100 * before.decay_from:g} % of these on (optim.decay_from); with {optim.steps} in all it rises again, "
+            "so that the network is not that of a run of so many from the start"
         )
 
 

@@ -86,12 +86,12 @@ def oracle(frame, grid, occlusion_m=1.0):
             nearest[r, c] = min(nearest[r, c], range_m[v, u])
             farthest[r, c] = max(farthest[r, c], range_m[v, u])
 
-    def change(r, c, dr, dc):
+    def change(of, r, c, dr, dc):
         steps = []
         for sign in (-1, 1):
             rr, cc = r + sign * dr, c + sign * dc
             if 0 <= rr < shape[0] and 0 <= cc < shape[1] and np.isfinite(nearest[rr, cc]):
-                steps.append(sign * (1 / nearest[rr, cc] - 1 / nearest[r, c]))
+                steps.append(sign * (of[rr, cc] - of[r, c]))
         if len(steps) == 2:
             return min(map(abs, steps)) if steps[0] * steps[1] > 0 else 0.0
         return abs(steps[0]) if steps else 0.0
@@ -100,9 +100,9 @@ def oracle(frame, grid, occlusion_m=1.0):
     for r in range(shape[0]):
         for c in range(shape[1]):
             if pixels[r][c]:
-                # A plane's inverse range changes evenly: one and a half cells of it end here.
-                end = 1 / nearest[r, c] - 1.5 * (change(r, c, 1, 0) + change(r, c, 0, 1))
-                spanned = 1 / max(end, 1e-3) - nearest[r, c]
+                # A plane's inverse range changes evenly: one and a half rows of it end here.
+                end = 1 / nearest[r, c] - 1.5 * change(1 / nearest, r, c, 1, 0)
+                spanned = 1 / max(end, 1e-3) - nearest[r, c] + 1.5 * change(nearest, r, c, 0, 1)
                 allowed = max(occlusion_m, 0.1 * nearest[r, c]) + spanned
                 front = [p for p in pixels[r][c] if range_m[p] <= nearest[r, c] + allowed]
                 v, u = min(front, key=lambda p: off[p])
