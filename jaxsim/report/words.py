@@ -273,4 +273,5 @@ def _counted(along: str) -> str:
 def dependence(one: Unexplained) -> str:
     """Tells what depends on what, and its character where it has one."""
     kind = "dependence" if one.character == "other" else f"{one.character} dependence"
-    return f"{kind} of {one.channel} on {one.covariate}"
+    along = "the time since the first frame" if one.covariate == "frame" else one.covariate
+    return f"{kind} of {one.channel} on {along}"

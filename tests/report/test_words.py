@@ -17,6 +17,11 @@ def test_sentences():
     assert outside == (
         "The simulation lacks something that is not in the catalogue: a periodic dependence of intensity on range."
     )
+    verdict = results.not_in_catalogue().verdict
+    in_time = replace(verdict.unexplained, covariate="frame", character="step")
+    assert verdict_sentence(replace(verdict, unexplained=in_time)).endswith(
+        "a step dependence of intensity on the time since the first frame."
+    )
 
 
 def test_an_effect_that_the_simulator_has_and_the_sensor_has_not_is_told_as_its_opposite():
