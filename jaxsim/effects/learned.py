@@ -106,10 +106,10 @@ class Learned:
                          f"{len(self.covariates)} and {len(self.knots)} came")  # fmt: skip
         fewest = {"wave": 1, "table": 1}.get(self.kind, 2)
         for name, knots in zip(self.covariates, self.knots, strict=True):
-            if self.kind == "table" and any(knot < 0 or knot != round(knot) for knot in knots):
-                raise refuse(f"knots of {name} in a table are whole numbers from 0 on, one a beam, column or class")
             if len(knots) < fewest or not np.isfinite(knots).all() or not all(a < b for a, b in pairwise(knots)):
                 raise refuse(f"knots of {name} must be finite numbers that rise, {fewest} or more")
+            if self.kind == "table" and any(knot < 0 or knot != round(knot) for knot in knots):
+                raise refuse(f"knots of {name} in a table are whole numbers from 0 on, one a beam, column or class")
         if self.kind == "wave" and any(len(knots) > 1 for knots in self.knots):
             raise refuse("a wave has one knot of each covariate: its periods in a unit of it")
         size = 2 if self.kind == "wave" else int(np.prod([len(knots) for knots in self.knots]))

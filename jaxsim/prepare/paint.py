@@ -185,8 +185,8 @@ def surface_depth(
     `occlusion_m`, or a tenth of the range if that is more, plus what the surface in front spans over one and a half
     cells along rows and columns. Pixels that differ by more lie on different surfaces: the cell is occluded.
     """
-    # Of a plane the inverse of the range changes evenly from cell to cell. Ranges of a road do not, and a sensor of few
-    # rows sees one that ends at 20, 37 and 73 m in neighbouring rows; columns are many.
+    # Of a plane the inverse of the range changes evenly from cell to cell. Ranges of a road do not: of few rows
+    # one meets it twice as far off as the next. Columns are many.
     near = jnp.maximum(nearest_m, _LEAST_M)
     inverse = jnp.where(valid, 1 / near, 0)
     farthest = 1 / jnp.maximum(inverse - _SLANT * _slope(inverse, valid, -2), 1 / FAR_M)

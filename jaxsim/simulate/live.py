@@ -64,15 +64,16 @@ class Live:
         where a raster is not what it must be (`check_rasters`); of rasters on an accelerator shapes and types are
         checked. A view in which nothing is seen gives a cloud without a point.
         """
-        check_shapes(view, "live")
+        if on_host(view):
+            check_rasters(view, "live", may_be_empty=True)
+        else:
+            # A copy to the host would take longer than the sensor.
+            check_shapes(view, "live")
         shape = np.shape(view.rgb)[:-1]
         if shape != self.shape:
             raise ValueError(
                 f"live: the view is {shape}; it was attached to {self.shape}: attach again for another size or batch"
             )
-        # A copy to the host would take longer than the sensor.
-        if on_host(view):
-            check_rasters(view, "live", may_be_empty=True)
         cropped = crop_image(view, self.crop)
         self.check(cropped)
         return self.run(cropped)

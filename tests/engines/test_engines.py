@@ -74,6 +74,16 @@ def test_gazebos_sdf_and_helios_xml_are_whole(answer):
     assert 3.912 / float(scanner.get("atmosphericVisibility_km")) == pytest.approx(1000 * ALPHA, rel=1e-3)
 
 
+def test_haze_that_may_be_none_has_no_farthest_sight(tmp_path):
+    alpha = {"value": 0.003, "low": -0.001, "high": 0.007}
+    SensorModel((("atmospheric_extinction", {"coefficient_per_m": 0.003}),)).save(tmp_path / "sensor.json")
+    verdict = {"effects": [{"name": "atmospheric_extinction", "parameters": {"coefficient_per_m": alpha}}]}
+    (tmp_path / "verdict.json").write_text(json.dumps(verdict))
+    [sight] = translate(read_answer(tmp_path / "sensor.json"), "helios", ENGINES["helios"]).settings
+    assert sight.value.low == pytest.approx(3.912 / 7, rel=1e-3)
+    assert sight.value.high == float("inf")
+
+
 def test_haze_that_a_simulator_has_and_the_street_had_not_is_taken_back_or_said(tmp_path):
     SensorModel((("atmospheric_extinction", {"coefficient_per_m": -0.002}),)).save(tmp_path / "sensor.json")
     answer = read_answer(tmp_path / "sensor.json")

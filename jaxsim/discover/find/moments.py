@@ -15,7 +15,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null_model import first_residuals
 from jaxsim.discover.model.random_effects import levels_of
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import chance_of
+from jaxsim.discover.scenes import ORDER_PARTS, chance_of
 from jaxsim.products import einsum
 
 
@@ -31,14 +31,16 @@ def steps_in_time(problem: Problem) -> tuple[float, ...]:
     spans = spans_of(len(order))
     apart = standard_errors(spans, level[:, None])[:, 0]
     span = spans[apart.argmax()]
-    scattered = np.random.default_rng(0).normal(size=(len(level), RULES.sign_draws))
-    chance = chance_of(standard_errors(spans, scattered).max(0), float(apart.max()))
-    if chance > RULES.moment_level or abs(level[span].mean() - level[~span].mean()) < RULES.moment_nats:
-        return ()
+    step = np.where(span, level[span].mean(), level[~span].mean())
     # A drift is brighter at its end as well.
     line = np.polyval(np.polyfit(begun[order], level, 1), begun[order])
-    step = np.where(span, level[span].mean(), level[~span].mean())
-    if ((level - step) ** 2).sum() > RULES.moment_share * ((level - line) ** 2).sum():
+    drifts = ((level - step) ** 2).sum() > RULES.moment_share * ((level - line) ** 2).sum()
+    if drifts or np.ptp(step) < RULES.moment_nats:
+        return ()
+    # A few at a time: of many scenes there are many thousand spans.
+    scattered = np.array_split(np.random.default_rng(0).normal(size=(len(level), RULES.sign_draws)), ORDER_PARTS, 1)
+    largest = np.concatenate([standard_errors(spans, some).max(0) for some in scattered])
+    if chance_of(largest, float(apart.max())) > RULES.moment_level:
         return ()
     changes = np.flatnonzero(span[1:] != span[:-1]) + 1
     return tuple(float(begun[order][k]) for k in changes)
@@ -79,8 +81,9 @@ def standard_errors(spans: Bool[np.ndarray, "k s"], level: Float[np.ndarray, "s 
     errors by what scenes scatter inside and outside."""
     inside = spans.sum(1)[:, None]
     outside = spans.shape[1] - inside
-    within = spans @ level / inside
-    beside = ~spans @ level / outside
+    sums = spans.astype(float) @ level
+    within = sums / inside
+    beside = (level.sum(0) - sums) / outside
     squares = (level**2).sum(0) - inside * within**2 - outside * beside**2
     variance = np.maximum(squares, 1e-12) / (spans.shape[1] - 2) * (1 / inside + 1 / outside)
     return np.abs(within - beside) / np.sqrt(variance)

@@ -12,7 +12,7 @@ from jaxsim.discover.find.correlation import correlations, of_one_material, of_r
 from jaxsim.discover.find.levels import range_noise_grows
 from jaxsim.discover.law.learn import ranked_beside
 from jaxsim.discover.mounting.constant import brought_back, place_mounting
-from jaxsim.discover.name.answer import Answer, name_effects
+from jaxsim.discover.name.answer import Answer, FreeCurve, name_effects
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.closer_look import believed, fulfilled, lattices_of, told_whole, undecided
 from jaxsim.discover.name.doubts import Doubts
@@ -23,7 +23,7 @@ from jaxsim.discover.name.stepped import stepped
 from jaxsim.discover.read import read_comparison
 from jaxsim.discover.read.control import Control
 from jaxsim.discover.stages.place import Placed
-from jaxsim.effects import Effect
+from jaxsim.effects import Effect, Law
 from jaxsim.progress import Log
 
 HIDDEN_BY_NOISE = (("intensity", "rgb"), ("intensity", "hue"), ("intensity", "hue angle"))
@@ -122,7 +122,10 @@ def answer_of(
         apart=placed.division.apart,
         classless=comparison.classless,
     )
-    beside = lambda curve, effects, bar: ranked_beside(null, curve, effects, bar=bar)  # noqa: E731
+
+    def beside(curve: FreeCurve, effects: Sequence[Law], bar: float) -> Sequence[Candidate]:
+        return ranked_beside(null, curve, effects, bar=bar)
+
     answer = name_effects(
         null,
         catalogue,

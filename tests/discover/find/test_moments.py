@@ -13,10 +13,11 @@ pytestmark = pytest.mark.usefixtures("standard_promotion")
 @pytest.mark.parametrize(("first", "last", "edges"), [(5, 9, 2), (6, 15, 1)])
 def test_a_gain_that_switches_steps_where_it_does(first, last, edges):
     factor = np.where((np.arange(16) >= first) & (np.arange(16) <= last), 0.7, 1.0)
-    steps = steps_in_time(problem_with(factor))
+    problem = problem_with(factor)
+    steps = steps_in_time(problem)
     assert len(steps) == edges
     # Frames are 30 s apart, and some of them are not looked at: the first that is there is told.
-    begun, _ = moments_of(problem_with(factor))
+    begun, _ = moments_of(problem)
     inside = begun[(begun >= 30 * first) & (begun <= 30 * last)]
     assert steps[0] == inside.min()
     assert all(step > 30 * last for step in steps[1:])

@@ -58,6 +58,17 @@ def test_a_sine_is_found_with_its_period():
     assert law.parameters["size"].value == pytest.approx(0.2, rel=0.1)
 
 
+def test_a_curve_of_few_numbers_is_no_wave():
+    """Of three levels a wave says all, whatever they are."""
+    at = np.repeat([0.0, 300.0, 600.0], 2) + np.tile([0.0, 200.0], 3)
+    levels = np.repeat([0.2, -0.2, 0.2], 2)
+    time = Variable("time_s", "s", at)
+    curves = learned(levels)
+    for free, wave in ((3, False), (6, True)):
+        law = search([time], *curves, channel="intensity", unit="nats", free=free)
+        assert ("sin(" in (law.expression if law else "")) == wave
+
+
 def test_a_product_of_two_covariates_is_found():
     x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(0, 10, 5), indexing="ij"))
     law = law_of(0.05 * x * y, Variable("red_minus_blue", "", x), Variable("speed_mps", "m/s", y))
