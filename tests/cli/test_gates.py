@@ -2,6 +2,7 @@
 
 import errno
 import json
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from jaxsim.cli.gates import ask_gate, check_flags, make_gate
 from jaxsim.discover.distances import QuickDistances
 from jaxsim.discover.gate import save_gate
 from jaxsim.discover.verdict import Interval
+from tests.discover.made_gate import sides
 from tests.report import results
 
 DISTANCES = QuickDistances({"intensity": Interval(0.10, 0.09, 0.11, "share of full scale")}, 8, 8)
@@ -110,3 +112,61 @@ def test_the_notes_of_an_answer_stand_under_its_checks(tmp_path, capsys):
     (tmp_path / "gate.json").write_text(json.dumps({"allowed": [effect.name for effect in verdict.effects]}))
     ask_gate(tmp_path / "gate.json", tmp_path, lambda: verdict)
     assert (tmp_path / "gate.md").read_text().endswith("\n\n- 10 frames have no partner\n")
+
+
+@pytest.mark.parametrize(("gain", "code"), [(1.0, 0), (1.3, 1)])
+def test_the_command_ends_with_the_colour_and_writes_it_down(tmp_path, gain, code):
+    simulated, measured = sides(tmp_path, gain=gain)
+    (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')
+    out = tmp_path / "out"
+    words = [
+        "--simulated",
+        str(simulated),
+        "--measured",
+        str(measured),
+        "--gate",
+        str(tmp_path / "gate.json"),
+        "--fast",
+    ]
+    with pytest.raises(SystemExit) as stop:
+        main(["discover", *words, "--out", str(out)])
+    assert stop.value.code == code
+    suite = ET.parse(out / "junit.xml").getroot()
+    assert suite.get("failures") == str(code)
+    assert ("**gap**" in (out / "gate.md").read_text()) == bool(code)
+
+
+def test_frames_that_cannot_be_compared_end_with_two(tmp_path):
+    simulated, measured = sides(tmp_path, scenes=2)
+    (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')
+    asked = Discover(
+        out=tmp_path / "out", simulated=simulated, measured=measured, gate=tmp_path / "gate.json", fast=True
+    )
+    with pytest.raises(SystemExit) as stop:
+        asked()
+    assert stop.value.code == 2
+    assert 'errors="1"' in (tmp_path / "out/junit.xml").read_text()
+
+
+def test_different_streets_have_no_frames_of_one_name_to_compare_fast(tmp_path):
+    simulated, measured = sides(tmp_path)
+    (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')
+    given = {"out": tmp_path / "out", "simulated": simulated, "measured": measured, "unpaired": True, "fast": True}
+    with pytest.raises(SystemExit) as stop:
+        Discover(**given, gate=tmp_path / "gate.json")()
+    assert stop.value.code == 2
+    assert "--fast came with --unpaired" in (tmp_path / "out/gate.md").read_text()
+    with pytest.raises(ValueError, match="--fast came with --unpaired, which compares frames of one name"):
+        Discover(**given, write_gate=tmp_path / "new.json")()
+
+
+def test_a_gate_that_cannot_be_read_is_no_gap(tmp_path):
+    simulated, measured = sides(tmp_path)
+    (tmp_path / "gate.json").write_text('{"threshold": {"intensity": 0.02}}')
+    for name, words in (("gate.json", "did you mean thresholds?"), ("none.json", "none.json")):
+        out = tmp_path / name.removesuffix(".json")
+        asked = Discover(out=out, simulated=simulated, measured=measured, gate=tmp_path / name, fast=True)
+        with pytest.raises(SystemExit) as stop:
+            asked()
+        assert stop.value.code == 2
+        assert words in (out / "gate.md").read_text()

@@ -154,28 +154,6 @@ def test_gates_that_cannot_be(tmp_path, content, message):
         gate(tmp_path, **content)
 
 
-@pytest.mark.parametrize(("gain", "code"), [(1.0, 0), (1.3, 1)])
-def test_the_command_ends_with_the_colour_and_writes_it_down(tmp_path, gain, code):
-    simulated, measured = sides(tmp_path, gain=gain)
-    (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')
-    out = tmp_path / "out"
-    words = [
-        "--simulated",
-        str(simulated),
-        "--measured",
-        str(measured),
-        "--gate",
-        str(tmp_path / "gate.json"),
-        "--fast",
-    ]
-    with pytest.raises(SystemExit) as stop:
-        main(["discover", *words, "--out", str(out)])
-    assert stop.value.code == code
-    suite = ET.parse(out / "junit.xml").getroot()
-    assert suite.get("failures") == str(code)
-    assert ("**gap**" in (out / "gate.md").read_text()) == bool(code)
-
-
 def test_a_gate_is_written_from_frames_that_are_right_and_asked_of_others(tmp_path):
     """As a user does: two commands, no number of his own."""
     words = ["--gate", str(tmp_path / "gate.json"), "--fast", "--out", str(tmp_path / "out")]
@@ -215,42 +193,6 @@ def test_a_whole_answer_becomes_the_baseline_of_the_gate_that_is_written(tmp_pat
     asked()
     assert json.loads((tmp_path / "gates/gate.json").read_text()) == {"baseline": "../out/verdict.json"}
     assert colour_of(check_verdict(read_gate(tmp_path / "gates/gate.json"), results.named().verdict)) == "pass"
-
-
-def test_frames_that_cannot_be_compared_end_with_two(tmp_path):
-    simulated, measured = sides(tmp_path, scenes=2)
-    (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')
-    asked = discover.Discover(
-        out=tmp_path / "out", simulated=simulated, measured=measured, gate=tmp_path / "gate.json", fast=True
-    )
-    with pytest.raises(SystemExit) as stop:
-        asked()
-    assert stop.value.code == 2
-    assert 'errors="1"' in (tmp_path / "out/junit.xml").read_text()
-
-
-def test_different_streets_have_no_frames_of_one_name_to_compare_fast(tmp_path):
-    simulated, measured = sides(tmp_path)
-    (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')
-    given = {"out": tmp_path / "out", "simulated": simulated, "measured": measured, "unpaired": True, "fast": True}
-    with pytest.raises(SystemExit) as stop:
-        discover.Discover(**given, gate=tmp_path / "gate.json")()
-    assert stop.value.code == 2
-    assert "--fast came with --unpaired" in (tmp_path / "out/gate.md").read_text()
-    with pytest.raises(ValueError, match="--fast came with --unpaired, which compares frames of one name"):
-        discover.Discover(**given, write_gate=tmp_path / "new.json")()
-
-
-def test_a_gate_that_cannot_be_read_is_no_gap(tmp_path):
-    simulated, measured = sides(tmp_path)
-    (tmp_path / "gate.json").write_text('{"threshold": {"intensity": 0.02}}')
-    for name, words in (("gate.json", "did you mean thresholds?"), ("none.json", "none.json")):
-        out = tmp_path / name.removesuffix(".json")
-        asked = discover.Discover(out=out, simulated=simulated, measured=measured, gate=tmp_path / name, fast=True)
-        with pytest.raises(SystemExit) as stop:
-            asked()
-        assert stop.value.code == 2
-        assert words in (out / "gate.md").read_text()
 
 
 @pytest.mark.slow
