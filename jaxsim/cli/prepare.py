@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -75,4 +76,5 @@ class Prepare(IntoFolder):
             beam=self.beam,
             cluster=self.cluster,
         )
-        print(f"{folder}\ntrain on it: jaxsim train ... --data.kind prepared --data.root {self.out}")
+        root = shlex.quote(str(self.out))  # the line is there to be pasted, and paths may hold blanks
+        print(f"{folder}\ntrain on it: jaxsim train ... --data.kind prepared --data.root {root}")

@@ -153,14 +153,18 @@ _SIGNS = {
 def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Dataset:
     """The data set that a config, or a kind, names; in the folder `root`, where it is given.
 
-    Raises ValueError for an unknown kind, a folder in its place, a root that is missing or that a kind does not read,
-    and scenes of a kind that has no scenes to choose.
+    Raises ValueError for what is neither a kind nor a config, an unknown kind, a folder in its place, a root that is
+    missing or that a kind does not read, and scenes of a kind that has no scenes to choose.
     """
     if isinstance(source, str) and source not in DATASETS and Path(source).is_dir():
         likely = next((kind for kind, sign in _SIGNS.items() if any(Path(source).glob(sign))), "KIND")
         raise ValueError(
             f"data: {source} is a folder, and a kind of data set comes before it: open_dataset({likely!r}, "
             f"{source!r}); known kinds: {', '.join(DATASETS)}"
+        )
+    if not isinstance(source, str | DataConfig):
+        raise ValueError(
+            f"data: the source is {source!r}; open_dataset takes a kind ({', '.join(DATASETS)}) or a DataConfig first"
         )
     # Any text may come: a config refuses a kind that is none.
     config = DataConfig(kind=source) if isinstance(source, str) else source  # type: ignore[arg-type]

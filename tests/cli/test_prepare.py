@@ -43,7 +43,7 @@ def drives(raw_root) -> Path:
 
 @pytest.mark.long
 def test_a_killed_command_leaves_no_process_behind_and_goes_on_to_the_same_bytes(drives, tmp_path):
-    out = tmp_path / "out"
+    out = tmp_path / "set of pairs"
     command = ["-m", "jaxsim", "prepare", "kitti_raw", "--root", drives, "--out", out, *FLAGS]
     command += ["--eval", "9-11", "--train", "0-8", "--pairs-a-file", "2", "--workers", "2"]
     making = out / SET.with_name("1.0.0.making")
@@ -57,7 +57,7 @@ def test_a_killed_command_leaves_no_process_behind_and_goes_on_to_the_same_bytes
         kept = {path.name: path.stat().st_mtime_ns for path in making.glob("done/*.json")}
         assert len(kept) < 7
         output = said(tmp_path, *command)
-        assert f"train on it: jaxsim train ... --data.kind prepared --data.root {out}" in output
+        assert f"train on it: jaxsim train ... --data.kind prepared --data.root '{out}'" in output
     whole = make_set(
         tmp_path / "whole",
         DataConfig(kind="kitti_raw", root=drives),

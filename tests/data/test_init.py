@@ -62,6 +62,14 @@ def test_scenes_of_a_kind_that_has_none_to_choose_are_refused(tmp_path):
         open_dataset(DataConfig(kind="kitti_raw", root=tmp_path, scenes=("drive_0001",)))
 
 
+@pytest.mark.parametrize("source", [None, 3, ["kitti_raw"]])
+def test_what_is_neither_a_kind_nor_a_config_is_answered_with_the_kinds(source):
+    with pytest.raises(
+        ValueError, match=r"open_dataset takes a kind \(synthetic, kitti_raw, .*\) or a DataConfig first"
+    ):
+        unwrap(open_dataset)(source)
+
+
 def test_an_unknown_kind_is_answered_with_the_known_ones():
     with pytest.raises(ValueError, match="must be one of synthetic, kitti_raw, kitti_object"):
         DataConfig(kind="waymo")  # pyright: ignore[reportArgumentType]
