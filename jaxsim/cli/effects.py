@@ -13,6 +13,7 @@ from jaxsim.effects import all_rays, get_effect
 from jaxsim.effects.own import known_effects, load_file, write_template
 from jaxsim.effects.page import describe, effects_table
 from jaxsim.effects.street import small_street
+from jaxsim.files import as_argument
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class NewEffect:
             write_effect(read_law(self.from_), path, name=self.name)
         else:
             write_template(self.name, path)
-        print(f"{path}: edit it, then jaxsim effects check {path}")
+        print(f"{path}: edit it, then jaxsim effects check {as_argument(path)}")
 
 
 @dataclass(frozen=True)
@@ -76,4 +77,4 @@ class CheckEffect:
         known_effects()
         scan = small_street()
         print(describe(described(load_file(self.file), all_rays(scan), scan)))
-        print(f"\n{self.file}: all checks passed; jaxsim discover ... --effects-from {self.file}")
+        print(f"\n{self.file}: all checks passed; jaxsim discover ... --effects-from {as_argument(self.file)}")

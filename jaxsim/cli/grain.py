@@ -10,6 +10,7 @@ import tyro
 
 from jaxsim.cli.flags import SAME, DataSource
 from jaxsim.config.ranges import Checked
+from jaxsim.files import as_argument
 from jaxsim.pairs.prepared import prepared
 from jaxsim.report.results import markdown_table
 from jaxsim.simulate.embedded import is_embedded
@@ -48,7 +49,7 @@ class LearnGrain(Checked):
         grain = learn_grain(make_predict(learned.generate, prepare), learned.params, pairs, scenes=pairs.scenes)
         for what, fields in (("intensity", grain.intensity), ("lost rays", grain.drop)):
             print(f"{what}\n\n{markdown_table(['share', 'columns', 'rows', 'edge, m'], [*map(_row, fields)])}\n")
-        print(f"{save_grain(self.run, grain)}: jaxsim simulate {self.run} --draws")
+        print(f"{save_grain(self.run, grain)}: jaxsim simulate {as_argument(self.run)} --draws")
 
 
 def _row(field: Field) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from jaxsim.config.ranges import Checked
+from jaxsim.files import as_argument
 from jaxsim.train.join import join_runs
 
 
@@ -28,4 +29,5 @@ class Join(Checked):
     def __call__(self) -> None:
         run = join_runs(self.runs, self.out)
         members = run.experiment.generator.members
-        print(f"{self.out}: the mean of {members} networks. Scores beside baselines: jaxsim eval {self.out}")
+        use = f"jaxsim eval {as_argument(self.out)}"
+        print(f"{self.out}: the mean of {members} networks. Scores beside baselines: {use}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +12,7 @@ import tyro
 from jaxsim.cli.flags import SAME, DataSource, IntoFolder, Scheduler
 from jaxsim.config import PrepareConfig
 from jaxsim.config.ranges import Count, Whole
+from jaxsim.files import as_argument
 
 
 @dataclass(frozen=True)
@@ -76,5 +76,5 @@ class Prepare(IntoFolder):
             beam=self.beam,
             cluster=self.cluster,
         )
-        root = shlex.quote(str(self.out))  # the line is there to be pasted, and paths may hold blanks
+        root = as_argument(self.out)
         print(f"{folder}\ntrain on it: jaxsim train ... --data.kind prepared --data.root {root}")

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.kitti_files import read_velodyne
-from jaxsim.files import array_names, files_in, read_arrays, read_once, repeated
+from jaxsim.files import array_names, as_argument, files_in, read_arrays, read_once, repeated
 from jaxsim.frame import Cloud
 from jaxsim.geometry import LidarSpec, UnorderedCloud, fit_beams, preset, recover_rows, rows_by_elevation
 from jaxsim.geometry.points import check_points
@@ -54,7 +54,8 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n c"]:
     if xyz_m is None or xyz_m.ndim != 2 or xyz_m.shape[1] != 3 or xyz_m.dtype.kind not in "fiu":
         held = ", ".join(array_names(path, by="clouds")) or "nothing"
         polar = (path.parent / "grid.json").is_file()
-        frame = f"it is a polar frame: `jaxsim frames {path.parent} --to npz --out CLOUDS` writes clouds of these"
+        command = f"jaxsim frames {as_argument(path.parent)} --to npz --out CLOUDS"
+        frame = f"it is a polar frame: `{command}` writes clouds of these"
         lacks = "where these are range and intensity it is a polar frame, and its folder lacks grid.json"
         raise ValueError(
             f"clouds: {path} holds no array xyz (n, 3), as `jaxsim simulate --formats npz` writes it, but {held}; "

@@ -31,6 +31,7 @@ from jaxsim.files.stamps import (
     why_anew,
 )
 from jaxsim.files.texts import (
+    as_argument,
     check_keys,
     first_line,
     guess,
@@ -63,6 +64,7 @@ from jaxsim.files.whole import (
 __all__ = [
     "CHANGED",
     "array_names",
+    "as_argument",
     "check_apart",
     "check_image_file",
     "check_keys",

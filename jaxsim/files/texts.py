@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import sys
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
@@ -46,6 +47,11 @@ def words_of_wrong(error: Exception) -> str:
 def first_line(error: BaseException) -> str:
     """The first line of an error's words, as far as a line of a message has room for it."""
     return (str(error).strip() or "no message").splitlines()[0][:200]
+
+
+def as_argument(path: Path | str) -> str:
+    """A path as an argument of a command that is there to be pasted: quoted where a shell would take it apart."""
+    return shlex.quote(str(path))
 
 
 def guess(name: str, known: Iterable[str]) -> str:

@@ -25,7 +25,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.config.ranges import Checked, NotNegative, Positive, Share
-from jaxsim.files import parse_settings, placed, read_json, write_text
+from jaxsim.files import as_argument, parse_settings, placed, read_json, write_text
 from jaxsim.frame import Array, Painted
 
 FILE = "grain.json"
@@ -234,7 +234,7 @@ def read_grain(folder: Path) -> Grain:
     if not path.is_file():
         raise ValueError(
             f"grain: {folder} has no {FILE}, which says how cells scatter together; learn it from measured frames "
-            f"(jaxsim grain {folder}), or draw each cell for itself (--no-grain)"
+            f"(jaxsim grain {as_argument(folder)}), or draw each cell for itself (--no-grain)"
         )
     content = read_json(path, by="grain")
     with placed(f"grain: {path} is no run's grain", then="remove it, and learn it anew: jaxsim grain RUN"):

@@ -11,6 +11,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.data.seen import SplitSide, warn_of_seen
 from jaxsim.detect.scenes import Scenes
 from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
+from jaxsim.files import as_argument
 from jaxsim.report.clouds import detection_picture
 from jaxsim.report.results import list_scores
 from jaxsim.runs.frames import RunFrames, check_frames
@@ -76,8 +77,8 @@ def detector_training(experiment: DetectorExperiment) -> Training:
         scored=lambda scores: (
             "Validation, last step (AP is average precision over 40 recalls, KITTI's rules):\n\n" + list_scores(scores)
         ),
-        use=f"```\njaxsim detect {folder} --clouds FOLDER --out OUT\n```",
-        hint=f"The last epochs' average precision, and pictures: jaxsim eval {folder}",
+        use=f"```\njaxsim detect {as_argument(folder)} --clouds FOLDER --out OUT\n```",
+        hint=f"The last epochs' average precision, and pictures: jaxsim eval {as_argument(folder)}",
     )
 
 

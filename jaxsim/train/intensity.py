@@ -20,6 +20,7 @@ from jaxsim.data.records import PreparedPairs
 from jaxsim.data.seen import warn_of_seen_pairs
 from jaxsim.data.turned import Turned
 from jaxsim.evaluate.intensity import Predict, score_pairs
+from jaxsim.files import as_argument
 from jaxsim.frame import INTENSITY_STEP, Pair
 from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step, start_from
@@ -111,7 +112,7 @@ def intensity_training(experiment: Experiment) -> Training:
         scored=lambda scores: score_table({"validation": scores}),
         use=f'```python\nimport jaxsim\nsensor = jaxsim.load("{folder}")\n```',
         finish=partial(judge.finish, folder) if experiment.generator.form == "unet" else None,
-        hint=f"Scores beside baselines, and pictures: jaxsim eval {folder}",
+        hint=f"Scores beside baselines, and pictures: jaxsim eval {as_argument(folder)}",
     )
 
 

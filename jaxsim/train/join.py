@@ -11,7 +11,7 @@ import jax
 
 from jaxsim.config import Experiment
 from jaxsim.config.ranges import settings_of
-from jaxsim.files import differences
+from jaxsim.files import as_argument, differences
 from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.runs.frames import shared_frames
@@ -58,7 +58,7 @@ def join_runs(folders: Sequence[Path], out: Path) -> Run:
         joined,
         f"The mean of {len(folders)} networks that were trained apart, {int(state.step)} steps each.",
         facts=[folder.name for folder in folders],
-        end=[f"Scores beside baselines, and pictures: `jaxsim eval {out.parent / out.name}`"],
+        end=[f"Scores beside baselines, and pictures: `jaxsim eval {as_argument(out.parent / out.name)}`"],
     )
     kept.save(int(state.step), state=state, generator=state.ema)
     return joined

@@ -1,6 +1,7 @@
 """Text and JSON: nothing is passed over."""
 
 import json
+import shlex
 from functools import partial
 
 import numpy as np
@@ -10,7 +11,17 @@ from jaxsim.config import RunConfig
 from jaxsim.data.kitti_files import read_labels, read_motion
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import check_keys, parse_json, parse_number, parse_settings, read_json, read_names, read_text, real
+from jaxsim.files import (
+    as_argument,
+    check_keys,
+    parse_json,
+    parse_number,
+    parse_settings,
+    read_json,
+    read_names,
+    read_text,
+    real,
+)
 from jaxsim.metrics.detection.files import frame_list, read_detections
 
 CAR = "Car 0.00 0 1.85 387.63 181.54 423.81 203.12 1.67 1.87 3.69 -16.53 2.39 58.49 1.57"
@@ -23,6 +34,12 @@ def test_a_byte_order_mark_costs_no_label(tmp_path):
     assert read_detections(tmp_path).lower_kind.tolist() == ["car"]
     (tmp_path / "val.list").write_bytes(b"\xef\xbb\xbf000001\n")
     assert frame_list(tmp_path / "val.list") == read_names(tmp_path / "val.list", by="kitti") == ["000001"]
+
+
+def test_a_path_stays_one_argument_of_a_command(tmp_path):
+    for name in ("runs", "set of pairs", "it's", "$HOME", "a;b"):
+        assert shlex.split(f"jaxsim eval {as_argument(tmp_path / name)}") == ["jaxsim", "eval", str(tmp_path / name)]
+    assert as_argument("runs/demo") == "runs/demo"
 
 
 def test_text_of_another_encoding_is_named_with_its_line(tmp_path):
